@@ -1,0 +1,74 @@
+"""What was measured: records of one robot, whoever made them. The data model of the campaign file, without the file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def _frozen(values: object, dtype: type = float) -> NDArray:  # type: ignore[type-arg]
+    array = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True)
+class Record:
+    """One excitation at one posture, with the response of every joint.
+
+    `posture` [n, rad] declared link angles at rest; `lines` [L] excited harmonics of `f0` [Hz]; `rms` [N m] of the
+    multisine, motor side. `tau` [T, n, N m] commanded motor torque, feedback and bias included; `theta` [T, n, rad] motor
+    angle, motor side. `omega` [T, n, rad/s] and `q_link` [T, n, rad] are None where not measured. theta[k] is read at the
+    instant from which tau[k] acts. For a prismatic joint read m, N and kg for rad, N m and kg m2.
+    """
+
+    id: str
+    excited: str
+    posture: Array
+    f0: float
+    lines: NDArray[np.int64]
+    samples_per_period: int
+    periods: int
+    rms: float
+    tau: Array
+    theta: Array
+    omega: Array | None = None
+    q_link: Array | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("posture", "tau", "theta", "omega", "q_link"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _frozen(getattr(self, name)))
+        object.__setattr__(self, "lines", _frozen(self.lines, np.int64))
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """All records of one robot, and the robot as its engineer believes it to be.
+
+    `N` [n, 1] gear ratios; `J_m` [n, kg m2, motor side] and `K` [n, N m/rad, joint side] are datasheet values, NaN where
+    unknown; `gravity` [3, m/s2] in the base frame; `hold` is "zoh" or "band-limited" (see the campaign format).
+    """
+
+    urdf: str
+    joints: tuple[str, ...]
+    fs: float
+    hold: str
+    N: Array
+    J_m: Array
+    K: Array
+    gravity: Array
+    source: str
+    records: tuple[Record, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("N", "J_m", "K", "gravity"):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
+
+    @property
+    def n(self) -> int:
+        return len(self.joints)
