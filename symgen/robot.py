@@ -1,0 +1,306 @@
+"""robot.toml -> Robot: the drives of an arm and the experiment to run on it, with every unit in the key's name.
+
+Strict on purpose: a mistyped key that is silently ignored costs a day at the robot.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from symgen.chain import Array, readonly
+from symgen.errors import RobotError
+
+_MAX_BYTES = 1_000_000
+_WHOLE = 1e-9  # relative: fs/f0 of decimal numbers such as 1000/0.1 is whole up to a few roundings
+_MAX_SAMPLES = 1e7  # a period: hours at 1 kHz, beyond any machine's memory for a whole record
+_MAX_GRAVITY = 100.0  # m/s2; anything beyond is a unit slip (mm/s2)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Motor, gear and spring of one joint.
+
+    `N` [1] motor rad per joint rad (negative: reversed), `J_m` [kg m2] and `D` [N m s/rad] motor side, `K` [N m/rad] and
+    `D_spring` [N m s/rad] joint side, `encoder_counts` per motor revolution, `tau_max` [N m] motor side. A `linear`
+    (prismatic) joint has N in motor rad per m, K in N/m and D_spring in N s/m; its motor is rotary all the same.
+    """
+
+    joint: str
+    N: float
+    J_m: float
+    K: float
+    D: float
+    D_spring: float
+    encoder_counts: int
+    tau_max: float
+    linear: bool = False
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """How one record is made: `fs`, `band`, `f0` (line spacing), `lock_pd` and `lock_dob` in Hz, `periods` recorded (the
+    settling ones included), `swing` [rad] the largest joint swing the excitation may cause, `torque_noise` rms relative
+    to the excitation's rms (simulated robots only)."""
+
+    fs: float = 1000.0
+    band: tuple[float, float] = (0.1, 120.0)
+    f0: float = 0.1
+    periods: int = 6
+    swing: float = 0.01
+    torque_noise: float = 0.005
+    lock_pd: float = 5.0
+    lock_dob: float = 30.0
+
+    @property
+    def samples_per_period(self) -> int:
+        return round(self.fs / self.f0)
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """One robot directory: where its `urdf` is, how to read it (`believe_zeros`, `base`, `tip`, `at` as in
+    `symgen.urdf.load_chain`), `gravity` [3, m/s2] in the base frame, the experiment, and the drives in file order."""
+
+    name: str
+    path: Path
+    urdf: Path
+    drives: tuple[Drive, ...]
+    experiment: Experiment = Experiment()
+    believe_zeros: bool = False
+    base: str | None = None
+    tip: str | None = None
+    at: Mapping[str, float] = field(default_factory=dict)
+    gravity: Array = field(default_factory=lambda: readonly([0.0, 0.0, -9.81]))
+
+    def drive(self, joint: str) -> Drive:
+        """Returns the drive of the named joint. RobotError if the file has none."""
+        for drive in self.drives:
+            if drive.joint == joint:
+                return drive
+        names = ", ".join(d.joint for d in self.drives)
+        raise RobotError(f"{self.path}: joint {joint!r} has no [joint.{joint}] table; drives are stated for {names}")
+
+
+def load_robot(path: str | Path) -> Robot:
+    """Returns the robot described by the TOML file `path`, or by robot.toml in the directory `path`.
+
+    Raises RobotError, one line naming file, table and key: unknown or missing key, wrong type, impossible value.
+    """
+    path = Path(path)
+    file = path / "robot.toml" if path.is_dir() else path
+    document = _read(file)
+    _check_keys(str(file), document, _TABLES, required=("robot", "joint"))
+    for name in document:
+        _require_table(f"{file}: [{name}]", document[name])
+    top = _values(f"{file}: [robot]", document["robot"], _ROBOT, required=("urdf",))
+    urdf = file.parent / top.pop("urdf")
+    if not urdf.is_file():
+        raise RobotError(
+            f"{file}: [robot]: urdf: no such file {str(urdf)!r}; expected a path relative to the toml file"
+        )
+    if not document["joint"]:
+        raise RobotError(f"{file}: [joint]: no drive; expected one [joint.<name>] table per driven joint")
+    drives = tuple(_drive(f"{file}: [joint.{name}]", name, table) for name, table in document["joint"].items())
+    experiment = _experiment(f"{file}: [experiment]", document.get("experiment", {}))
+    return Robot(file.resolve().parent.name, file, urdf, drives, experiment, **top)
+
+
+def _read(file: Path) -> dict[str, Any]:
+    if not file.is_file():
+        raise RobotError(f"{file}: no such file; expected a robot.toml or the directory that holds one")
+    try:
+        if file.stat().st_size > _MAX_BYTES:
+            raise RobotError(f"{file}: larger than {_MAX_BYTES} bytes; expected a robot.toml")
+        return tomllib.loads(file.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise RobotError(f"{file}: cannot be read: {error.strerror}") from None
+    except RecursionError:
+        raise RobotError(f"{file}: not TOML: nested too deeply") from None
+    except ValueError as error:  # TOMLDecodeError, UnicodeDecodeError, an integer of more than 4300 digits
+        raise RobotError(f"{file}: not TOML: {' '.join(str(error).split())}") from None
+
+
+class _Unfit(Exception):
+    """A value that breaks its key's rule; the text says what was expected."""
+
+
+# Takes the TOML value and returns the field's value, or raises _Unfit.
+_Check = Callable[[Any], Any]
+
+
+def _number(expected: str, ok: Callable[[float], bool]) -> _Check:
+    def check(value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise _Unfit(expected)
+        try:
+            number = float(value)
+        except OverflowError:  # a TOML integer has no size limit
+            raise _Unfit(expected) from None
+        if not (isfinite(number) and ok(number)):
+            raise _Unfit(expected)
+        return number
+
+    return check
+
+
+def _whole(expected: str, least: int) -> _Check:
+    def check(value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value < 2**53:
+            raise _Unfit(expected)
+        return value
+
+    return check
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise _Unfit("a non-empty string")
+    return value
+
+
+def _bool(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise _Unfit("true or false")
+    return value
+
+
+def _list(check: _Check, length: int, expected: str) -> _Check:
+    def checked(value: Any) -> list[Any]:
+        if not isinstance(value, list) or len(value) != length:
+            raise _Unfit(expected)
+        try:
+            return [check(item) for item in value]
+        except _Unfit:
+            raise _Unfit(expected) from None
+
+    return checked
+
+
+def _gravity(value: Any) -> Array:
+    return readonly(_list(_FINITE_GRAVITY, 3, f"three numbers of at most {_MAX_GRAVITY:g} m/s2")(value))
+
+
+def _at(value: Any) -> dict[str, float]:
+    if not isinstance(value, dict):
+        raise _Unfit("a table of joint = value")
+    return {name: _FINITE(number) for name, number in value.items()}
+
+
+def _band(value: Any) -> tuple[float, float]:
+    expected = "[lower, upper] with 0 < lower < upper"
+    low, high = _list(_POSITIVE, 2, expected)(value)
+    if low >= high:
+        raise _Unfit(expected)
+    return low, high
+
+
+_FINITE = _number("a finite number (rad or m)", lambda x: True)
+_FINITE_GRAVITY = _number("", lambda x: abs(x) <= _MAX_GRAVITY)
+_POSITIVE = _number("a number > 0", lambda x: x > 0)
+_NOT_NEGATIVE = _number("a number >= 0", lambda x: x >= 0)
+_NOT_ZERO = _number("a number other than 0", lambda x: x != 0)
+
+# key in the file -> (field of the dataclass, check)
+_Rules = Mapping[str, tuple[str, _Check]]
+_TABLES = ("robot", "experiment", "joint")
+_ROBOT: _Rules = {
+    "urdf": ("urdf", _text),
+    "believe_zeros": ("believe_zeros", _bool),
+    "base": ("base", _text),
+    "tip": ("tip", _text),
+    "at": ("at", _at),
+    "gravity_m_per_s2": ("gravity", _gravity),
+}
+_EXPERIMENT: _Rules = {
+    "sample_rate_Hz": ("fs", _POSITIVE),
+    "band_Hz": ("band", _band),
+    "line_spacing_Hz": ("f0", _POSITIVE),
+    "periods": ("periods", _whole("a whole number >= 2 (at least one period settles)", 2)),
+    "swing_rad": ("swing", _POSITIVE),
+    "torque_noise_rel": ("torque_noise", _NOT_NEGATIVE),
+    "lock_pd_Hz": ("lock_pd", _POSITIVE),
+    "lock_dob_Hz": ("lock_dob", _POSITIVE),
+}
+_MOTOR: _Rules = {
+    "J_m_kgm2": ("J_m", _POSITIVE),
+    "D_Nms_per_rad": ("D", _NOT_NEGATIVE),
+    "encoder_counts_per_rev": ("encoder_counts", _whole("a whole number >= 1", 1)),
+    "torque_limit_Nm": ("tau_max", _POSITIVE),
+}
+_ROTARY: _Rules = {
+    "N": ("N", _NOT_ZERO),
+    "K_Nm_per_rad": ("K", _POSITIVE),
+    "D_spring_Nms_per_rad": ("D_spring", _NOT_NEGATIVE),
+}
+_LINEAR: _Rules = {
+    "N_rad_per_m": ("N", _NOT_ZERO),
+    "K_N_per_m": ("K", _POSITIVE),
+    "D_spring_Ns_per_m": ("D_spring", _NOT_NEGATIVE),
+}
+
+
+def _drive(where: str, joint: str, table: Any) -> Drive:
+    _require_table(where, table)
+    linear = any(key in table for key in _LINEAR)
+    rules = {**(_LINEAR if linear else _ROTARY), **_MOTOR}
+    return Drive(joint=joint, linear=linear, **_values(where, table, rules, required=tuple(rules)))
+
+
+def _experiment(where: str, table: Mapping[str, Any]) -> Experiment:
+    result = Experiment(**_values(where, table, _EXPERIMENT, required=()))
+    samples, (low, high) = result.fs / result.f0, result.band
+    if abs(samples - round(samples)) > _WHOLE * samples:
+        raise RobotError(
+            f"{where}: sample_rate_Hz / line_spacing_Hz = {samples:.10g}; expected a whole number of samples per period"
+        )
+    if samples > _MAX_SAMPLES:
+        raise RobotError(f"{where}: {samples:.3g} samples per period; expected at most {_MAX_SAMPLES:g}")
+    if high >= result.fs / 2:
+        raise RobotError(f"{where}: band_Hz: {high:g} Hz is not below sample_rate_Hz / 2 = {result.fs / 2:g} Hz")
+    if np.floor(high / result.f0 * (1 + _WHOLE)) < np.ceil(low / result.f0 * (1 - _WHOLE)):
+        raise RobotError(f"{where}: band_Hz [{low:g}, {high:g}] holds no line k * {result.f0:g} Hz")
+    return result
+
+
+def _values(where: str, table: Mapping[str, Any], rules: _Rules, required: tuple[str, ...]) -> dict[str, Any]:
+    """Returns {field: checked value} for the keys of one table."""
+    _check_keys(where, table, rules, required)
+    result = {}
+    for key, value in table.items():
+        name, check = rules[key]
+        try:
+            result[name] = check(value)
+        except _Unfit as error:
+            raise RobotError(f"{where}: {key}: found {_short(value)}, expected {error}") from None
+    return result
+
+
+def _check_keys(where: str, table: Mapping[str, Any], known: Iterable[str], required: tuple[str, ...]) -> None:
+    known = tuple(known)
+    for key in table:
+        if key not in known:
+            meant = [name for name in known if name.startswith(f"{key}_")]  # the key without its unit
+            raise RobotError(f"{where}: unknown key {key!r}; expected {' or '.join(meant) or ', '.join(known)}")
+    for key in required:
+        if key not in table:
+            raise RobotError(f"{where}: key {key!r} is missing")
+
+
+def _require_table(where: str, value: Any) -> None:
+    if not isinstance(value, dict):
+        raise RobotError(f"{where}: found {_short(value)}, expected a table")
+
+
+def _short(value: Any) -> str:
+    try:
+        text = repr(value)
+    except ValueError:  # a hexadecimal integer of more than 4300 decimal digits
+        return "a huge integer"
+    return text if len(text) <= 60 else text[:57] + "..."
