@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 #: The ten inertial parameters of a body, in the order used everywhere: mass, first moments m r, and the inertia L about
 #: the origin of the link frame (Pinocchio's order, `pin.Inertia.toDynamicParameters`).
@@ -36,7 +37,7 @@ class Inertia:
 
     mass: float
     com: Array
-    I: Array  # noqa: E741 - the field's own name
+    I: Array
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "com", readonly(self.com))

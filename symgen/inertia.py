@@ -1,0 +1,323 @@
+"""Chain -> every J_ij(q) as an exact sparse polynomial: a table of monomials times the bodies' inertial parameters.
+
+A body's ten parameters phi (see `chain.PARAMETERS`) seen from another frame are T(R, p) phi, with T quadratic in (R, p).
+J_ij is a row vector over phi, and walking outwards along the arm multiplies that row by T of one joint after another.
+Each joint enters through {1, c, s, c^2, c s} (s^2 = 1 - c^2 used up) or {1, q, q^2}, so one digit a joint names a
+monomial and no product ever has to be simplified. In a run of parallel axes the cumulative angle takes the place of the
+joint angle: the frame is not turned with each joint, only shifted by R(psi_k) p_(k+1), and turned once, at the body in
+question; this gives the paper's c_2 c_23 (17) in place of c_2^2 c_3 - c_2 s_2 s_3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symgen.chain import REVOLUTE, Array, Chain, skew
+
+#: Angle (or slide) of one digit: the joints whose values are summed, with their signs.
+Angle = tuple[tuple[int, int], ...]
+
+#: Entries below this, relative to the arm's own length scale, are rounding of an exact zero.
+ZERO = 1e-13
+
+#: A run of parallel axes is accepted when the axes differ by less than this (they are snapped before).
+PARALLEL = 1e-12
+
+_PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Lxx, Lxy, Lyy, Lxz, Lyz, Lzz
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry J_ij(q) = f(q) A phi, f the monomials.
+
+    `digits` [M, p] says which function of each of the p `angles` a monomial uses: 0..4 for 1, c, s, c^2, c s of a turning
+    joint, 0..2 for 1, q, q^2 of a sliding one. `A` [M, 10 n] multiplies the parameters of all bodies; its unit is that of
+    J_ij per parameter. Joints are counted from 0.
+    """
+
+    i: int
+    j: int
+    angles: tuple[Angle, ...]
+    turning: tuple[bool, ...]
+    digits: NDArray[np.int8]
+    A: Array
+
+
+def length_scale(chain: Chain) -> float:
+    """Returns half the reach of the arm [m] (1 for an arm without offsets): makes m l^2, m r l and L comparable."""
+    reach = sum(float(np.linalg.norm(joint.p)) for joint in chain.joints[1:])
+    return reach / 2 if reach > 0 else 1.0
+
+
+def parameter_scale(chain: Chain) -> Array:
+    """Returns the scale [10 n] that makes a row over phi comparable column by column: l^2 for m, l for m r, 1 for L."""
+    length = length_scale(chain)
+    return np.tile([length**2, *[length] * 3, *[1.0] * 6], chain.n)
+
+
+def _turn(M1: Array, M2: Array) -> Array:
+    """The 6x6 map L -> (M1 L M2' + M2 L M1') / 2 on the six entries of a symmetric L."""
+    out = np.zeros((6, 6))
+    for row, (a, b) in enumerate(_PAIRS):
+        for column, (c, d) in enumerate(_PAIRS):
+            value = M1[a, c] * M2[b, d] + M2[a, c] * M1[b, d]
+            if c != d:
+                value += M1[a, d] * M2[b, c] + M2[a, d] * M1[b, c]
+            out[row, column] = value / 2
+    return out
+
+
+def _lever(p: Array) -> Array:
+    """The 6x3 map h -> L of a shift by p: 2 p.h 1 - p h' - h p'."""
+    out = np.zeros((6, 3))
+    for row, (x, y) in enumerate(_PAIRS):
+        out[row, y] -= p[x]
+        out[row, x] -= p[y]
+        if x == y:
+            out[row] += 2 * p
+    return out
+
+
+def _square(a: Array, b: Array) -> Array:
+    """The bilinear map m -> L [6] of a shift: (a.b) 1 - (a b' + b a') / 2."""
+    return np.array([(x == y) * (a @ b) - (a[x] * b[y] + a[y] * b[x]) / 2 for x, y in _PAIRS])
+
+
+class _Body:
+    """Maps of a row over the ten parameters of a body: row_B = row_A T for a frame B placed in a frame A."""
+
+    @staticmethod
+    def rotation(R: Array) -> Array:
+        T = np.zeros((10, 10))
+        T[0, 0] = 1.0
+        T[1:4, 1:4] = R
+        T[4:, 4:] = _turn(R, R)
+        return T
+
+    @staticmethod
+    def shift(p: Array) -> Array:
+        T = np.eye(10)
+        T[1:4, 0] = p
+        T[4:, 1:4], T[4:, 0] = _lever(p), _square(p, p)
+        return T
+
+    @staticmethod
+    def turn(axis: Array) -> list[Array]:
+        """A turn by psi about `axis`: the coefficients of 1, c, s, c^2, c s."""
+        A0 = np.outer(axis, axis)
+        A1, A2 = np.eye(3) - A0, skew(axis)
+        maps = [np.zeros((10, 10)) for _ in range(5)]
+        maps[0][0, 0] = 1.0
+        for T, M in zip(maps, (A0, A1, A2), strict=False):
+            T[1:4, 1:4] = M
+        maps[0][4:, 4:] = _turn(A0, A0) + _turn(A2, A2)
+        maps[1][4:, 4:] = 2 * _turn(A0, A1)
+        maps[2][4:, 4:] = 2 * _turn(A0, A2)
+        maps[3][4:, 4:] = _turn(A1, A1) - _turn(A2, A2)
+        maps[4][4:, 4:] = 2 * _turn(A1, A2)
+        return maps
+
+    @staticmethod
+    def swing(axis: Array, p: Array) -> list[Array]:
+        """A shift by R(psi) p, R about `axis`, without turning the frame: the coefficients of 1, c, s, c^2, c s."""
+        p0 = axis * (axis @ p)
+        p1, p2 = p - p0, np.cross(axis, p)
+        maps = [np.zeros((10, 10)) for _ in range(5)]
+        maps[0] += np.eye(10)
+        for T, part in zip(maps, (p0, p1, p2), strict=False):
+            T[1:4, 0] += part
+            T[4:, 1:4] += _lever(part)
+        maps[0][4:, 0] = _square(p0, p0) + _square(p2, p2)
+        maps[1][4:, 0] = 2 * _square(p0, p1)
+        maps[2][4:, 0] = 2 * _square(p0, p2)
+        maps[3][4:, 0] = _square(p1, p1) - _square(p2, p2)
+        maps[4][4:, 0] = 2 * _square(p1, p2)
+        return maps
+
+    @staticmethod
+    def slide(axis: Array) -> list[Array]:
+        """A shift by q along `axis`: the coefficients of 1, q, q^2."""
+        maps = [np.eye(10), np.zeros((10, 10)), np.zeros((10, 10))]
+        maps[1][1:4, 0] = axis
+        maps[1][4:, 1:4] = _lever(axis)
+        maps[2][4:, 0] = _square(axis, axis)
+        return maps
+
+
+class _Twist:
+    """The same maps for the row (omega, u) of a twist at the frame's origin: omega_B = R' omega, u_B = R' (u + omega x p)."""
+
+    @staticmethod
+    def rotation(R: Array) -> Array:
+        return np.kron(np.eye(2), R)
+
+    @staticmethod
+    def shift(p: Array) -> Array:
+        T = np.eye(6)
+        T[:3, 3:] = skew(p)  # row: omega x p = (-[p]x omega)' = omega' [p]x
+        return T
+
+    @staticmethod
+    def turn(axis: Array) -> list[Array]:
+        A0 = np.outer(axis, axis)
+        return [np.kron(np.eye(2), M) for M in (A0, np.eye(3) - A0, skew(axis))]
+
+    @staticmethod
+    def swing(axis: Array, p: Array) -> list[Array]:
+        p0 = axis * (axis @ p)
+        maps = [_Twist.shift(part) for part in (p0, p - p0, np.cross(axis, p))]
+        return [maps[0], maps[1] - np.eye(6), maps[2] - np.eye(6)]
+
+    @staticmethod
+    def slide(axis: Array) -> list[Array]:
+        return [np.eye(6), _Twist.shift(axis) - np.eye(6)]
+
+
+def _energy_row(v: Array, w: Array) -> Array:
+    """The row [.., 10] with v' M w = row . phi for twists v [.., 6] and w [6] of one body (at the frame's origin)."""
+    v_omega, v_u, w_omega, w_u = v[..., :3], v[..., 3:], w[:3], w[3:]
+    row = np.zeros((*v.shape[:-1], 10))
+    row[..., 0] = v_u @ w_u
+    row[..., 1:4] = np.cross(v_u, w_omega) + np.cross(w_u, v_omega)
+    for column, (x, y) in enumerate(_PAIRS):
+        row[..., 4 + column] = v_omega[..., x] * w_omega[y]
+        if x != y:
+            row[..., 4 + column] += v_omega[..., y] * w_omega[x]
+    return row
+
+
+def _runs(chain: Chain, first: int) -> Iterator[list[int]]:
+    """Yields the joints first.. in runs of consecutive turning joints with parallel axes."""
+    run: list[int] = []
+    for k in range(first, chain.n):
+        joint = chain.joints[k]
+        if run:
+            previous = chain.joints[run[-1]]
+            parallel = previous.type == joint.type == REVOLUTE and (
+                float(np.linalg.norm(np.cross(joint.R @ joint.axis, previous.axis))) < PARALLEL
+            )
+            if not parallel:
+                yield run
+                run = []
+        run.append(k)
+    if run:
+        yield run
+
+
+def _signs(chain: Chain, run: list[int]) -> list[int]:
+    """+1 or -1 for each joint of a run: whether its axis points along the first one's."""
+    signs = [1]
+    for k in run[1:]:
+        joint = chain.joints[k]
+        signs.append(signs[-1] * (1 if (joint.R @ joint.axis) @ chain.joints[k - 1].axis > 0 else -1))
+    return signs
+
+
+def angles(chain: Chain, first: int) -> tuple[Angle, ...]:
+    """Returns the angle of each joint from `first` on: itself, or the cumulative angle in its run of parallel axes."""
+    out: list[Angle] = []
+    for run in _runs(chain, first):
+        signs = _signs(chain, run)
+        out += [tuple(zip(run[: k + 1], signs[: k + 1], strict=True)) for k in range(len(run))]
+    return tuple(out)
+
+
+class _Walk:
+    """Rows over monomials on their way from one frame to the next: keys [M] (base-5 digits), rows [M, 6 or 10]."""
+
+    def __init__(self, row: Array, floor: Array, wanted: NDArray[np.int64] | None):
+        self.keys = np.zeros(1, dtype=np.int64)
+        self.rows = row[None, :]
+        self.floor = floor
+        self.wanted = wanted
+
+    def constant(self, T: Array) -> None:
+        self.rows = self.rows @ T
+
+    def times(self, maps: list[Array], position: int) -> tuple[NDArray[np.int64], Array]:
+        """Keys and rows after one more joint, zero rows and rows nobody wants left out."""
+        rows = np.concatenate([self.rows @ T for T in maps])
+        keys = np.concatenate([self.keys + f * 5**position for f in range(len(maps))])
+        rows[np.abs(rows) < (self.floor if rows.shape[1] == 10 else ZERO)] = 0.0
+        kept = rows.any(axis=1)
+        if self.wanted is not None:
+            kept &= np.isin(keys, self.wanted % 5 ** (position + 1))
+        return keys[kept], rows[kept]
+
+    def step(self, maps: list[Array], position: int) -> None:
+        self.keys, self.rows = self.times(maps, position)
+
+
+def _motion(chain: Chain, k: int) -> Array:
+    """The unit twist [6] (omega, u) of joint k in its link frame."""
+    joint = chain.joints[k]
+    zero = np.zeros(3)
+    return np.concatenate([joint.axis, zero] if joint.type == REVOLUTE else [zero, joint.axis])
+
+
+def derive(chain: Chain, i: int, j: int, wanted: NDArray[np.int8] | None = None) -> Entry:
+    """Returns J_ij(q) (joints counted from 0, i <= j) as monomials times inertial parameters; eqs. (13)-(16) for any arm.
+
+    `wanted` [W, p] limits the work to those monomials (digits as in `Entry`).
+    """
+    n, first = chain.n, i + 1
+    base5 = 5 ** np.arange(n - first, dtype=np.int64)
+    length = length_scale(chain)
+    floor = ZERO * np.array([max(length, 1.0) ** 2, *[max(length, 1.0)] * 3, *[1.0] * 6])
+    parts: list[tuple[int, NDArray[np.int64], Array]] = []
+    motion = _motion(chain, i)
+    walk = _Walk(_energy_row(motion, motion) if i == j else motion, floor, None if wanted is None else wanted @ base5)
+    if i == j:
+        parts.append((i, walk.keys, walk.rows))
+    for run in _runs(chain, first):
+        for k, sign in zip(run, _signs(chain, run), strict=True):
+            joint, position = chain.joints[k], k - first
+            maps: type[_Body | _Twist] = _Body if k > j else _Twist
+            if k == run[0]:
+                walk.constant(maps.shift(joint.p))
+            walk.constant(maps.rotation(joint.R))
+            if k == j:
+                walk.rows, maps = _energy_row(walk.rows, _motion(chain, j)), _Body
+            if joint.type != REVOLUTE:
+                walk.step(maps.slide(joint.axis), position)
+            elif k == run[-1]:
+                walk.step(maps.turn(sign * joint.axis), position)
+            else:
+                if k >= j:
+                    parts.append((k, *walk.times(maps.turn(sign * joint.axis), position)))
+                walk.step(maps.swing(sign * joint.axis, chain.joints[k + 1].p), position)
+                continue
+            if k >= j:
+                parts.append((k, walk.keys, walk.rows))
+    return _collect(chain, i, j, parts, base5)
+
+
+def _collect(
+    chain: Chain, i: int, j: int, parts: list[tuple[int, NDArray[np.int64], Array]], base5: NDArray[np.int64]
+) -> Entry:
+    """Puts the rows of all bodies into one table over the monomials that occur."""
+    keys = np.unique(np.concatenate([part[1] for part in parts]))
+    A = np.zeros((len(keys), 10 * chain.n))
+    for k, part_keys, rows in parts:
+        A[np.searchsorted(keys, part_keys), 10 * k : 10 * k + 10] += rows
+    digits = ((keys[:, None] // base5) % 5).astype(np.int8)
+    turning = tuple(joint.type == REVOLUTE for joint in chain.joints[i + 1 :])
+    return Entry(i, j, angles(chain, i + 1), turning, digits, A)
+
+
+def monomials(entry: Entry, q: Array) -> Array:
+    """Returns the monomials of an entry at postures q [.., n, rad or m]: [.., M]."""
+    out = np.ones((*q.shape[:-1], len(entry.digits)))
+    for position, angle in enumerate(entry.angles):
+        psi = sum(sign * q[..., k] for k, sign in angle)
+        if entry.turning[position]:
+            c, s = np.cos(psi), np.sin(psi)
+            table = np.stack([np.ones_like(c), c, s, c * c, c * s], axis=-1)
+        else:
+            table = np.stack([np.ones_like(psi), psi, psi * psi], axis=-1)
+        out *= table[..., entry.digits[:, position]]
+    return out
