@@ -177,16 +177,16 @@ class _Twist:
         return [np.eye(6), _Twist.shift(axis) - np.eye(6)]
 
 
-def _energy_row(v: Array, w: Array) -> Array:
-    """The row [.., 10] with v' M w = row . phi for twists v [.., 6] and w [6] of one body (at the frame's origin)."""
-    v_omega, v_u, w_omega, w_u = v[..., :3], v[..., 3:], w[:3], w[3:]
-    row = np.zeros((*v.shape[:-1], 10))
-    row[..., 0] = v_u @ w_u
+def energy_row(v: Array, w: Array) -> Array:
+    """Returns the row [.., 10] with v' M w = row . phi for twists v, w [.., 6] of one body (omega, u at its frame's origin)."""
+    v_omega, v_u, w_omega, w_u = v[..., :3], v[..., 3:], w[..., :3], w[..., 3:]
+    row = np.zeros((*np.broadcast_shapes(v.shape, w.shape)[:-1], 10))
+    row[..., 0] = (v_u * w_u).sum(axis=-1)
     row[..., 1:4] = np.cross(v_u, w_omega) + np.cross(w_u, v_omega)
     for column, (x, y) in enumerate(_PAIRS):
-        row[..., 4 + column] = v_omega[..., x] * w_omega[y]
+        row[..., 4 + column] = v_omega[..., x] * w_omega[..., y]
         if x != y:
-            row[..., 4 + column] += v_omega[..., y] * w_omega[x]
+            row[..., 4 + column] += v_omega[..., y] * w_omega[..., x]
     return row
 
 
@@ -252,8 +252,8 @@ class _Walk:
         self.keys, self.rows = self.times(maps, position)
 
 
-def _motion(chain: Chain, k: int) -> Array:
-    """The unit twist [6] (omega, u) of joint k in its link frame."""
+def motion(chain: Chain, k: int) -> Array:
+    """Returns the unit twist [6] (omega, u) of joint k in its link frame."""
     joint = chain.joints[k]
     zero = np.zeros(3)
     return np.concatenate([joint.axis, zero] if joint.type == REVOLUTE else [zero, joint.axis])
@@ -269,8 +269,8 @@ def derive(chain: Chain, i: int, j: int, wanted: NDArray[np.int8] | None = None)
     length = length_scale(chain)
     floor = ZERO * np.array([max(length, 1.0) ** 2, *[max(length, 1.0)] * 3, *[1.0] * 6])
     parts: list[tuple[int, NDArray[np.int64], Array]] = []
-    motion = _motion(chain, i)
-    walk = _Walk(_energy_row(motion, motion) if i == j else motion, floor, None if wanted is None else wanted @ base5)
+    start = motion(chain, i)
+    walk = _Walk(energy_row(start, start) if i == j else start, floor, None if wanted is None else wanted @ base5)
     if i == j:
         parts.append((i, walk.keys, walk.rows))
     for run in _runs(chain, first):
@@ -281,7 +281,7 @@ def derive(chain: Chain, i: int, j: int, wanted: NDArray[np.int8] | None = None)
                 walk.constant(maps.shift(joint.p))
             walk.constant(maps.rotation(joint.R))
             if k == j:
-                walk.rows, maps = _energy_row(walk.rows, _motion(chain, j)), _Body
+                walk.rows, maps = energy_row(walk.rows, motion(chain, j)), _Body
             if joint.type != REVOLUTE:
                 walk.step(maps.slide(joint.axis), position)
             elif k == run[-1]:

@@ -1,0 +1,276 @@
+"""The contract between symgen and whoever measures: the model J = C alpha, the posture plan, and both as one JSON file."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from symgen import postures, regressor
+from symgen.basis import Factoring, factor
+from symgen.chain import Array, Chain
+from symgen.errors import PlanError
+from symgen.robot import Drive
+from symgen.urdf import load_chain, parse_chain
+
+FORMAT, VERSION = "symgen-plan", 1
+
+_JUDGE_POSTURES = 200
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One measurement: excite `joint` with the arm at `q` [n, rad or m]. A `spare` cell is kept for validation."""
+
+    joint: str
+    q: Array
+    spare: bool = False
+
+
+@dataclass(frozen=True)
+class Model:
+    """J(q) of one arm as a linear function of its constants alpha: numbers, at any posture.
+
+    `factoring` holds the algebra; `wider` the same without believed zeros. alpha [D] are first the `d` constants that
+    the diagonal shows, then those of the off-diagonals.
+    """
+
+    chain: Chain
+    factoring: Factoring
+    wider: Factoring
+
+    @property
+    def d(self) -> int:
+        return self.factoring.d
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.factoring.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return tuple(alpha.unit for alpha in self.factoring.alphas)
+
+    @property
+    def alpha_cad(self) -> Array:
+        """The constants [D] of the declared robot."""
+        return self.factoring.alpha_cad
+
+    @property
+    def alpha_joint(self) -> tuple[int, ...]:
+        """For each constant the joint (from 0) whose J_ii shows it first, tip to base; for the rest the lower joint."""
+        return tuple(alpha.i for alpha in self.factoring.alphas)
+
+    def C_rows(self, q: Array) -> Array:
+        """Rows C_i(q) of eq. (10) over the shared constants: [.., n, d] at postures q [.., n]."""
+        return regressor.C_rows(self.factoring, q)
+
+    def J_rows(self, q: Array) -> Array:
+        """The regressor of the whole matrix: J(q) = J_rows(q) . alpha, [.., n, n, D] at postures q [.., n]."""
+        return regressor.J_rows(self.factoring, q)
+
+    def J(self, q: Array, alpha: Array) -> Array:
+        """The inertia matrix [.., n, n, kg m2] at postures q [.., n] for constants alpha [D]."""
+        J: Array = self.J_rows(q) @ alpha
+        return J
+
+    def J_cad(self, q: Array) -> Array:
+        """The declared robot's inertia matrix [.., n, n] at postures q [.., n]."""
+        return regressor.inertia_matrix(self.chain, q)
+
+    def random_postures(self, count: int, rng: np.random.Generator) -> Array:
+        """Postures [count, n], uniform within the joint limits."""
+        low, high = self.chain.limits.T
+        return low + (high - low) * rng.random((count, self.chain.n))
+
+
+def make_model(chain: Chain, *, believe_zeros: bool = False) -> Model:
+    """Returns the model of a chain; `believe_zeros` takes exact zeros among its inertial parameters as known."""
+    wider = factor(chain)
+    return Model(chain, factor(chain, believe_zeros=True) if believe_zeros else wider, wider)
+
+
+def model_of_urdf(text: str, joints: Sequence[str], *, believe_zeros: bool = False) -> Model:
+    """Returns the model of the arm in a URDF text whose driven joints, base to tip, are `joints`; others are frozen at 0.
+
+    Raises UrdfError, or PlanError if `joints` are not a base-to-tip run of that arm.
+    """
+    chain = parse_chain(text, where="the campaign's URDF")
+    if set(joints) != set(chain.names):
+        frozen = {name: 0.0 for name in chain.names if name not in joints}
+        chain = parse_chain(text, where="the campaign's URDF", at=frozen)
+    if tuple(joints) != chain.names:
+        raise PlanError(
+            f"joints {', '.join(joints)}: not the moving joints of the URDF, base to tip: {', '.join(chain.names)}"
+        )
+    return make_model(chain, believe_zeros=believe_zeros)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What symgen found about an arm and where to measure it; `document` holds the keys of plan.json."""
+
+    model: Model
+    cells: tuple[Cell, ...]
+    document: Mapping[str, Any]
+
+    def write(self, path: Path) -> None:
+        """Writes plan.json at `path`."""
+        path.write_text(json.dumps(self.document, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def load_plan_cells(path: str | Path, model: Model) -> tuple[Cell, ...]:
+    """Returns the cells of a plan.json written for this model's arm.
+
+    Raises PlanError if the file is not a plan, is of a later version, or belongs to another URDF.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        if document["format"] != FORMAT or document["version"] > VERSION:
+            raise PlanError(
+                f"{path}: format {document['format']} {document['version']}; expected {FORMAT} up to {VERSION}"
+            )
+        if document["urdf_sha256"] != model.chain.sha256:
+            raise PlanError(f"{path}: made for another URDF (sha256 {document['urdf_sha256'][:12]}); run symgen again")
+        return tuple(
+            Cell(cell["joint"], np.array(cell["q"], dtype=float), bool(cell["spare"]))
+            for cell in document["plan"]["cells"]
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise PlanError(f"{path}: not a plan file: {type(error).__name__} {error}; run symgen again") from None
+
+
+def make_plan(
+    chain: Chain,
+    *,
+    unsnapped: Chain | None = None,
+    believe_zeros: bool = False,
+    rotor: Array | None = None,
+    spare: int | None = None,
+    iterations: int = 60,
+) -> Plan:
+    """Returns the plan of an arm: ranks, constants, what the diagonals can not see, and the cells to measure.
+
+    `unsnapped` is the same chain with the file's own angles, to state what snapping costs; `rotor` [n, kg m2] the
+    reflected motor inertias N^2 J_m; `spare` and `iterations` as in `postures.plan`.
+    """
+    seconds = {}
+    start = time.perf_counter()
+    model = make_model(chain, believe_zeros=believe_zeros)
+    seconds["derive"] = time.perf_counter() - start
+    start = time.perf_counter()
+    design = postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, iterations=iterations)
+    seconds["plan"] = time.perf_counter() - start
+    cells = tuple(
+        Cell(chain.names[i], q, bool(extra)) for i, q, extra in zip(design.joint, design.q, design.spare, strict=True)
+    )
+    return Plan(model, cells, _document(model, design, cells, unsnapped) | {"seconds": seconds})
+
+
+def _document(
+    model: Model, design: postures.Design, cells: tuple[Cell, ...], unsnapped: Chain | None
+) -> dict[str, Any]:
+    chain, factoring = model.chain, model.factoring
+    kept, dropped = factoring.singular_value_gap
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "robot": chain.name,
+        "urdf_sha256": chain.sha256,
+        "joints": list(chain.names),
+        "types": [joint.type for joint in chain.joints],
+        "base": chain.base_link,
+        "tip": chain.tip_link,
+        "rank_per_joint": list(factoring.rank_per_joint),
+        "new_per_joint": list(factoring.new_per_joint),
+        "shared_rank": factoring.d,
+        "monomials_per_joint": [len(factoring.entries[i, i].digits) for i in range(chain.n)],
+        "full_inertia_rank": len(factoring.alphas),
+        "unseen": _unseen(factoring),
+        "singular_value_gap": [_digits(kept, 3), _decade(dropped)],
+        "snapped": _snapped(chain, unsnapped),
+        "frozen": dict(chain.frozen),
+        "lumped": [list(pair) for pair in chain.lumped],
+        "believed_zeros": list(factoring.believed),
+        "alpha": {
+            "names": list(factoring.names),
+            "unit": [alpha.unit for alpha in factoring.alphas],
+            "cad": [_digits(value, 14) for value in factoring.alpha_cad],
+        },
+        "plan": {
+            "measurements": int((~design.spare).sum()),
+            "spare": int(design.spare.sum()),
+            "error_model": "sigma(J_ii) proportional to J_ii + N^2 J_m (N^2 J_m = 0 where the drive is not known)",
+            "amplification_per_joint": [_digits(value, 4) for value in design.amplification],
+            "amplification_p999_per_joint": [_digits(value, 4) for value in design.amplification_p999],
+            "d_efficiency_at_least": float(np.floor(design.d_efficiency * 1e3) / 1e3),
+            "cond_per_joint": [_digits(value, 4) for value in design.cond],
+            "cond_scaling": "rows of one joint's cells over sigma, columns whitened over the workspace",
+            "cells": [
+                {"joint": cell.joint, "q": [_digits(value, 12) for value in cell.q], "spare": cell.spare}
+                for cell in cells
+            ],
+        },
+    }
+
+
+def _unseen(factoring: Factoring) -> list[dict[str, Any]]:
+    """What J(q) holds that no J_ii shows: by entry, and the measurement that shows it."""
+    counts: dict[tuple[int, int], int] = {}
+    for alpha in factoring.alphas[factoring.d :]:
+        counts[alpha.i, alpha.j] = counts.get((alpha.i, alpha.j), 0) + 1
+    return [
+        {
+            "entry": f"J_{i + 1}{j + 1}" if factoring.chain.n < 10 else f"J_{i + 1}_{j + 1}",
+            "directions": count,
+            "measure": f"cross response {i + 1} -> {j + 1}",
+            "postures": count,
+            "alpha": [alpha.name for alpha in factoring.alphas if (alpha.i, alpha.j) == (i, j)],
+        }
+        for (i, j), count in counts.items()
+    ]
+
+
+def _snapped(chain: Chain, unsnapped: Chain | None) -> list[dict[str, Any]]:
+    """Each snapped angle with its cost: the largest change of J(q) if that joint kept the file's angle, relative."""
+    if not chain.snapped or unsnapped is None:
+        return []
+    low, high = chain.limits.T
+    q = low + (high - low) * np.random.default_rng(0).random((_JUDGE_POSTURES, chain.n))
+    J = regressor.inertia_matrix(chain, q)
+    cost = {}
+    for k, joint in enumerate(chain.joints):
+        changed = (*chain.joints[:k], replace(unsnapped.joints[k]), *chain.joints[k + 1 :])
+        other = regressor.inertia_matrix(replace(chain, joints=changed), q)
+        cost[joint.name] = float(np.abs(other - J).max() / np.abs(J).max())
+    return [
+        {"joint": snap.joint, "from": snap.found, "to": snap.text, "cost": _digits(cost.get(snap.joint, 0.0), 2)}
+        for snap in chain.snapped
+    ]
+
+
+def _digits(value: float, digits: int) -> float:
+    """The value rounded to that many significant digits, so that files do not depend on the processor."""
+    return float(f"{value:.{digits}g}") + 0.0
+
+
+def _decade(value: float) -> float:
+    """The power of ten just above a value that is rounding noise, and never below 1e-15."""
+    return float(f"1e{max(int(np.ceil(np.log10(max(value, 1e-300)))), -15)}")
+
+
+def reflected_inertia(chain: Chain, drives: Sequence[Drive]) -> Array:
+    """Returns N^2 J_m of each joint [n, kg m2 or kg], zero where `drives` say nothing of it."""
+    known = {drive.joint: drive.N**2 * drive.J_m for drive in drives}
+    return np.array([known.get(name, 0.0) for name in chain.names])
+
+
+def chain_of_file(path: str | Path, **options: Any) -> tuple[Chain, Chain | None]:
+    """Returns the chain of a URDF file as snapped, and as written (None where nothing was snapped or snap is off)."""
+    chain = load_chain(path, **options)
+    return chain, load_chain(path, **(options | {"snap": False})) if chain.snapped else None
