@@ -1,0 +1,53 @@
+# make demo: from the URDF of the paper's arm to its identified inertia matrix.  make test: lint, types, walls, tests.
+PYTHON ?= python3
+BIN := .venv/bin
+export OPENBLAS_NUM_THREADS := 1
+export OMP_NUM_THREADS := 1
+ROBOT := robots/ypp3
+
+.PHONY: demo test lint fast bench lock clean
+.DELETE_ON_ERROR:
+
+demo: .venv/runtime
+	$(BIN)/symgen $(ROBOT)/ypp3.urdf -o out/ypp3/symgen
+	$(BIN)/ident run $(ROBOT) -o out/ypp3/dob --brief
+	$(BIN)/ident run $(ROBOT) -o out/ypp3/rigid --lock rigid
+
+test: lint fast
+
+lint: .venv/dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+fast: .venv/dev
+	$(BIN)/pytest -q -n 2 --dist worksteal
+
+bench: .venv/dev
+	$(BIN)/pytest -q -m bench
+
+# The lock files pin what was tested; run this to move to newer releases.
+lock:
+	$(PYTHON) -m venv .venv-lock
+	.venv-lock/bin/pip install -q pip-tools
+	.venv-lock/bin/pip-compile -q --strip-extras --no-header --no-annotate --no-emit-find-links --no-emit-index-url -o requirements.lock pyproject.toml
+	.venv-lock/bin/pip-compile -q --strip-extras --no-header --no-annotate --no-emit-find-links --no-emit-index-url --extra dev -c requirements.lock -o requirements-dev.lock pyproject.toml
+	rm -rf .venv-lock
+
+.venv/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "$(PYTHON) is older than 3.11: make PYTHON=/path/to/python3.11"; exit 2; }
+	$(PYTHON) -m venv .venv
+	@touch $@
+
+.venv/runtime: .venv/python requirements.lock pyproject.toml
+	$(BIN)/pip install -q --disable-pip-version-check -r requirements.lock
+	$(BIN)/pip install -q --disable-pip-version-check --no-deps -e .
+	@touch $@
+
+.venv/dev: .venv/runtime requirements-dev.lock
+	$(BIN)/pip install -q --disable-pip-version-check -r requirements-dev.lock
+	@touch $@
+
+clean:
+	rm -rf .venv out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
