@@ -42,6 +42,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--no-snap", action="store_true", help="keep angles such as 1.5708 as written")
     parser.add_argument("--spare", metavar="N", type=int, help="measurements beyond the minimum (default: a quarter)")
+    parser.add_argument("--no-verify", action="store_true", help="do not compare J(q) with Pinocchio's")
     parser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
     return parser
 
@@ -78,6 +79,8 @@ def _run(options: argparse.Namespace) -> int:
         spare=options.spare,
     )
     document = dict(result.document)
+    if not options.no_verify:
+        document["verified"] = _verified(result)
     document["seconds"] = {"parse": parsed, **document["seconds"]}
     begin = time.perf_counter()
     document["files"] = _write(result, Path(options.out), Path(options.urdf)) if options.out else []
@@ -87,6 +90,18 @@ def _run(options: argparse.Namespace) -> int:
     else:
         _print(document)
     return 0
+
+
+def _verified(result: Plan) -> dict[str, Any]:
+    from symgen.verify import verify
+
+    verdict = verify(result.model.factoring)
+    return {
+        "against": "Pinocchio CRBA",
+        "postures": verdict.postures,
+        "relative_error": verdict.error,
+        "relative_error_to_file_as_written": verdict.as_written,
+    }
 
 
 def _settings(options: argparse.Namespace) -> dict[str, Any]:
@@ -171,6 +186,9 @@ def _print(document: dict[str, Any]) -> None:
         f"Plan: {plan['measurements']} measurements and {plan['spare']} spare ones, "
         f"D-efficiency at least {plan['d_efficiency_at_least']:.3f}"
     )
+    if "verified" in document:
+        verified = document["verified"]
+        print(f"J(q) equals Pinocchio's to {verified['relative_error']:.1e} at {verified['postures']} random postures.")
     for name in document["files"]:
         print(name)
 
