@@ -57,8 +57,9 @@ def from_rpy(rpy: ArrayLike, tolerance: float) -> Array:
     """Returns Rz(yaw) Ry(pitch) Rx(roll) [3, 3] for (roll, pitch, yaw) [3, rad] (URDF's fixed-axis convention)."""
     R = np.eye(3)
     for axis, angle in zip(np.eye(3), np.asarray(rpy, dtype=float), strict=True):
-        R = about(axis, float(angle), tolerance) @ R
-    return cleaned(R)
+        if angle:
+            R = cleaned(about(axis, float(angle), tolerance) @ R)
+    return R
 
 
 def about(axis: ArrayLike, angle: float, tolerance: float) -> Array:

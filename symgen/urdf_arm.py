@@ -26,13 +26,13 @@ class Arm:
 
 def choose_arm(tree: Tree, base: str | None, tip: str | None, at: Mapping[str, float]) -> Arm:
     """Returns the arm from `base` (default: the root link) to `tip` (default: `_default_tip`), without the joints frozen by
-    `at` {joint: rad or m}. UrdfError: an unknown name, no arm, two arms, or joints that no serial arm has."""
+    `at` {joint: rad or m}; `at` never changes where the arm ends. UrdfError: an unknown name, no arm, two arms, or joints that no serial arm has."""
     for role, link in (("base", base), ("tip", tip)):
         if link is not None and link not in tree.links:
             raise UrdfError(f"{role} link {shown(link)} does not exist; links are {_listed(tree.links)}")
     _check_frozen(tree, at)
     base = base or tree.root
-    tip = tip or _default_tip(tree, base, at)
+    tip = tip or _default_tip(tree, base)
     moving = tuple(joint for joint in tree.path(base, tip) if joint.movable and joint.name not in at)
     _check_moving(moving, f"from {shown(base)} to {shown(tip)}")
     stand, names = _standing(tree, at), {joint.name for joint in moving}
@@ -120,13 +120,13 @@ class _Groups:
         return master is not None and not first <= self.span.get(master.child, (-1, -1))[0] <= last
 
 
-def _default_tip(tree: Tree, base: str, frozen: Mapping[str, float]) -> str:
+def _default_tip(tree: Tree, base: str) -> str:
     """Returns the link that ends the longest run of joints from `base` that move and mimic none.
 
     Where joints branch behind a trunk of two or more and no branch is as long as that trunk, they are the fingers of a
     gripper, and the arm ends before them. UrdfError if two runs of different joints are the longest: two arms.
     """
-    groups = _group(tree, base, frozen)
+    groups = _group(tree, base)
     ends: list[tuple[int, str]] = []
     todo = [(base, 0)]
     while todo:
@@ -148,11 +148,11 @@ def _default_tip(tree: Tree, base: str, frozen: Mapping[str, float]) -> str:
     return tips[0]
 
 
-def _group(tree: Tree, base: str, frozen: Mapping[str, float]) -> _Groups:
+def _group(tree: Tree, base: str) -> _Groups:
     head, out, run, span = {base: base}, dict[str, list[RawJoint]](), dict[str, int](), dict[str, tuple[int, int]]()
     behind = list(tree.behind(base))
     for joint in behind:
-        if joint.movable and joint.name not in frozen:
+        if joint.movable:
             head[joint.child] = joint.child
             out.setdefault(head[joint.parent], []).append(joint)
         else:

@@ -44,9 +44,8 @@ def read_bytes(path: Path) -> bytes:
         if path.stat().st_size > _MAX_BYTES:
             raise UrdfError(f"{path}: larger than {_MAX_BYTES // 10**6} MB; expected a URDF file")
         return path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = getattr(error, "strerror", None) or error
-        raise UrdfError(f"{shown(str(path))}: cannot be read: {reason}") from None
+    except OSError as error:
+        raise UrdfError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def decode(data: bytes) -> str:
