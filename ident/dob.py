@@ -1,0 +1,146 @@
+"""What keeps the joints in place during a record: locks, the soft hold of the excited joint, and whether both are stable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import exp, pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.errors import ExperimentError
+
+Array = NDArray[np.float64]
+
+#: Damping ratio of the lock on its nominal inertia, the bare rotor. A load r times the rotor oscillates near the PD's
+#: bandwidth unless (2 d w + g)(w + 2 d g) > (1 + r) g w (Routh, PD at w, observer at g): at 5 and 30 Hz, r < 11 with
+#: d = 0.7, r < 17 with d = 1. Random postures of a Panda need the latter.
+LOCK_DAMPING = 1.0
+
+#: Damping ratio of the hold on rotor and load together.
+HOLD_DAMPING = 0.7
+
+#: The hold is at least this many times stiffer than gravity: softer, an arm falls to another equilibrium and stays periodic.
+GRAVITY_MARGIN = 3.0
+
+#: Lowest bandwidth of the hold [Hz]: it lets transients die within a few seconds and stays well below the first mode.
+HOLD_BANDWIDTH = 0.5
+
+
+@dataclass(frozen=True)
+class Servo:
+    """Controller of one motor, all motor side: stiffness kp [N m/rad], damping kd [N m s/rad], and a disturbance observer
+    of cut-off `dob` [rad/s, 0: none] with first-order Q on the one-mass nominal model 1/(J s^2), J [kg m2].
+
+    With e = theta - rest, w the backward difference of e, and u the torque beyond the preload:
+    z = a z_before + (1 - a) (u_before + dob J w), a = exp(-dob Ts);  u = -kp e - kd w + (z - dob J w).
+    """
+
+    kp: float
+    kd: float
+    J: float = 0.0
+    dob: float = 0.0
+
+
+def lock_servo(J_m: float, f_pd: float, f_dob: float) -> Servo:
+    """A PD of bandwidth f_pd [Hz] and an observer of f_dob [Hz] on the rotor J_m [kg m2] alone.
+
+    The paper's two-mass nominal (its Fig. 7) is stable only where the arm is decoupled; the rotor's is stable on coupled
+    arms too, if f_dob stays well above f_pd.
+    """
+    w = 2 * pi * f_pd
+    return Servo(kp=J_m * w * w, kd=2 * LOCK_DAMPING * J_m * w, J=J_m, dob=2 * pi * f_dob)
+
+
+def hold_servo(N: float, inertia: float, gravity_stiffness: float) -> Servo:
+    """A soft PD for the excited joint: `inertia` [kg m2] and `gravity_stiffness` dG_i/dq_i [N m/rad] joint side.
+
+    No integral action during the record: it would eat the lowest lines. It has acted before, and its result is the preload.
+    """
+    stiffness = max(GRAVITY_MARGIN * abs(gravity_stiffness), inertia * (2 * pi * HOLD_BANDWIDTH) ** 2)
+    return Servo(kp=stiffness / N**2, kd=2 * HOLD_DAMPING * sqrt(stiffness * inertia) / N**2)
+
+
+def controller(
+    servos: Sequence[Servo], rest: Sequence[float], preload: Sequence[float], Ts: float
+) -> Callable[[Sequence[float]], list[float]]:
+    """Returns the function to be called once a sample: motor angles [n, rad] in, motor torques [n, N m] out.
+
+    `rest` [n, rad] and `preload` [n, N m] are angle and torque at rest, where the controller starts; Ts [s]. Plain floats:
+    this runs a million times a campaign.
+    """
+    gains = [_gains(servo, Ts) for servo in servos]
+    joints = range(len(gains))
+    before = list(rest)
+    u = [0.0] * len(gains)
+    z = [0.0] * len(gains)
+    rate = 1.0 / Ts
+
+    def command(theta: Sequence[float]) -> list[float]:
+        for i in joints:
+            kp, kd, gJ, a, b = gains[i]
+            w = (theta[i] - before[i]) * rate
+            before[i] = theta[i]
+            z[i] = a * z[i] + b * (u[i] + gJ * w)
+            u[i] = z[i] - (kd + gJ) * w - kp * (theta[i] - rest[i])
+        return [u[i] + preload[i] for i in joints]
+
+    return command
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """x+ = A x + B r, tau = U x + r: the sampled plant (first states) under its servos; r [n, N m] added to the torques."""
+
+    A: Array
+    B: Array
+    U: Array
+    Ts: float
+
+    @property
+    def growth(self) -> float:
+        """Growth rate [1/s] of the slowest mode, log(spectral radius)/Ts: negative is stable."""
+        return float(np.log(np.abs(np.linalg.eigvals(self.A)).max()) / self.Ts)
+
+    def response(self, frequency: NDArray[np.floating], joint: int) -> NDArray[np.complex128]:
+        """States per unit of r at motor `joint`, at each frequency [L, Hz]: [L, states]."""
+        z = np.exp(2j * np.pi * frequency * self.Ts)
+        eye = np.eye(len(self.A))
+        return np.linalg.solve(z[:, None, None] * eye - self.A, self.B[:, [joint]].astype(complex))[..., 0]
+
+
+def close_loop(A: Array, B: Array, C: Array, servos: Sequence[Servo], Ts: float) -> ClosedLoop:
+    """Closes sampled plant x+ = A x + B tau, theta = C x (A [s, s], B [s, n], C [n, s]) with the servos of `controller`.
+
+    Each servo brings three states: the angle, the torque and the observer state of the sample before.
+    """
+    n, s = C.shape
+    kp, kd, gJ, a, b = (np.diag(v) for v in np.array([_gains(servo, Ts) for servo in servos]).T)
+    eye, none = np.eye(n), np.zeros((n, n))
+    rate = np.hstack([C, -eye, none, none]) / Ts
+    position = np.hstack([C, none, none, none])
+    observed = a @ np.hstack([np.zeros((n, s)), none, none, eye])
+    observed += b @ (np.hstack([np.zeros((n, s)), none, eye, none]) + gJ @ rate)
+    U = observed - (kd + gJ) @ rate - kp @ position
+    plant = np.hstack([A, np.zeros((s, 3 * n))]) + B @ U
+    # the excitation r is added behind the servo: the observer does not know of it, and the excited joint has none
+    return ClosedLoop(np.vstack([plant, position, U, observed]), np.vstack([B, np.zeros((3 * n, n))]), U, Ts)
+
+
+def _gains(servo: Servo, Ts: float) -> tuple[float, float, float, float, float]:
+    """kp, kd, dob J, and z = a z_before + b (..) of the observer; without one z stays zero."""
+    a = exp(-servo.dob * Ts)
+    return (servo.kp, servo.kd, servo.dob * servo.J, *((a, 1.0 - a) if servo.dob else (0.0, 0.0)))
+
+
+def check_stable(loop: ClosedLoop, joint: str, posture: Array) -> float:
+    """Returns the growth rate [1/s]; ExperimentError naming joint and posture where it is not negative."""
+    growth = loop.growth
+    if not growth < 0:
+        at = np.array2string(np.asarray(posture), precision=4, separator=", ")
+        raise ExperimentError(
+            f"joint {joint!r} at posture {at}: the sampled lock is unstable (growth rate {growth:+.3g} 1/s, expected < 0); "
+            "lower lock_pd_Hz or lock_dob_Hz, or raise the sampling rate"
+        )
+    return growth

@@ -1,0 +1,228 @@
+"""The arm as MuJoCo simulates it: rigid links, and per joint a rotor, a gear and a spring (equations (7), (8) of the paper).
+
+Joint i is two coaxial joints of one body: the motor joint turns by theta_i/N_i and carries rotor inertia N^2 J_m and
+damping N^2 D; the spring joint turns by the rest, q_i - theta_i/N_i, against K and D_spring. Their sum is the link angle.
+No massless body, no constraint: the mass matrix is exactly that of (7) and (8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+from xml.etree import ElementTree as ET
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import expm
+
+from ident.errors import ExperimentError
+from symgen.chain import REVOLUTE, Chain, Inertia, skew
+from symgen.robot import Drive
+
+Array = NDArray[np.float64]
+
+_DIFFERENCE = 1e-4  # rad or m: gravity is a trigonometric polynomial, so a central difference is good to about 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """An arm at rest at `posture` [n, rad], ready to simulate.
+
+    `live` are the joints (from 0) that can move, base to tip; the others are frozen into the bodies. `rest` [n, rad] and
+    `preload` [n, N m] are motor angle and motor torque of every joint at rest, `qpos` the state [2 x live] of MuJoCo:
+    motor and spring joint by turns. The controls of `model` are the motor torques of the live joints, motor side.
+    """
+
+    model: mujoco.MjModel
+    drives: tuple[Drive, ...]
+    posture: Array
+    live: tuple[int, ...]
+    rest: Array
+    preload: Array
+    qpos: Array
+
+    def data(self) -> mujoco.MjData:
+        """Fresh simulation data in the static equilibrium."""
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self.qpos
+        data.ctrl[:] = self.preload[list(self.live)]
+        mujoco.mj_forward(self.model, data)
+        return data
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """The plant for small motions about rest: M a + D v + K x = S tau, x = (theta/N [m], q [m]) of the m live joints,
+    joint side [kg m2, N m s/rad, N m/rad]; `K` includes gravity. `N` [m] gear ratios; tau [m, N m] motor side."""
+
+    M: Array
+    D: Array
+    K: Array
+    N: Array
+
+    @property
+    def link_inertia(self) -> Array:
+        """J(q) of the live joints [m, m, kg m2]."""
+        m = len(self.N)
+        return self.M[m:, m:]
+
+    def gravity_stiffness(self, stiffness: ArrayLike) -> Array:
+        """dG/dq of the live joints [m, m, N m/rad], given the spring `stiffness` [m, N m/rad]."""
+        m = len(self.N)
+        return self.K[m:, m:] - np.diag(np.asarray(stiffness, dtype=float))
+
+    def modes(self) -> Array:
+        """Undamped frequencies [2 m, Hz], motors free, ascending; those of unstable or free motion count as 0."""
+        squares = np.linalg.eigvals(np.linalg.solve(self.M, self.K)).real
+        return np.sort(np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi))
+
+    def rk4_steps(self, fs: float, top: float, error: float) -> int:
+        """Steps of RK4 a sample (fs [Hz]) that shift no mode by more than `error` relative: (w h)^4/120.
+
+        A mode above `top` [Hz] may be shifted by more: it takes part in the response up to there only by (top/f)^2.
+        """
+        f = self.modes()
+        f = f[f > 0]
+        allowed = error / np.minimum(1.0, (top / f) ** 2)
+        h = (120 * allowed) ** 0.25 / (2 * np.pi * f)
+        return max(1, ceil(1 / (fs * h.min()) - 1e-9)) if len(f) else 1
+
+    def sampled(self, Ts: float) -> tuple[Array, Array, Array]:
+        """Exact zero-order hold at Ts [s]: A [4m, 4m], B [4m, m], C [m, 4m] of x+ = A x + B tau, theta = C x."""
+        m = len(self.N)
+        size = 2 * m
+        generator = np.zeros((2 * size + m, 2 * size + m))
+        generator[:size, size : 2 * size] = np.eye(size)
+        generator[size : 2 * size, :size] = -np.linalg.solve(self.M, self.K)
+        generator[size : 2 * size, size : 2 * size] = -np.linalg.solve(self.M, self.D)
+        generator[size : 2 * size, 2 * size :] = np.linalg.solve(self.M, np.vstack([np.diag(self.N), np.zeros((m, m))]))
+        step = expm(generator * Ts)
+        C = np.hstack([np.diag(self.N), np.zeros((m, 3 * m))])
+        return step[: 2 * size, : 2 * size], step[: 2 * size, 2 * size :], C
+
+
+def build_plant(
+    chain: Chain,
+    drives: Sequence[Drive],
+    gravity: ArrayLike,
+    posture: ArrayLike,
+    *,
+    free: int | None = None,
+    step: float = 2.5e-4,
+    integrator: str = "RK4",
+) -> Plant:
+    """Returns the plant at rest with link angles exactly at `posture` [n, rad or m], motors carrying the load.
+
+    `drives` [n] in the order of the chain's joints; `gravity` [3, m/s2] in the base frame; `step` [s]. With `free` (a
+    joint, from 0) only that joint moves and the others are rigid: the paper's simulation. The motor at rest reads
+    N (q + g/K) and needs g/N, with g(q) [n, N m] the gravity forces that MuJoCo itself finds.
+    ExperimentError: a drive that does not fit its joint, a body MuJoCo can not simulate.
+    """
+    q = np.array(posture, dtype=float)
+    drives = tuple(drives)
+    for joint, drive in zip(chain.joints, drives, strict=True):
+        if drive.linear != (joint.type != REVOLUTE):
+            kind = "linear" if drive.linear else "rotary"
+            raise ExperimentError(f"joint {joint.name!r} is {joint.type}, but robot.toml gives it a {kind} drive")
+    everything = tuple(range(chain.n))
+    live = everything if free is None else (free,)
+    model = _compile(chain, drives, gravity, q, live, step, integrator)
+    whole = model if free is None else _compile(chain, drives, gravity, q, everything, step, integrator)
+    force = _gravity_force(whole, q)
+    N, K = (np.array([getattr(drive, name) for drive in drives]) for name in ("N", "K"))
+    at_rest = np.stack([q + force / K, -force / K], axis=1)[list(live)].ravel()
+    return Plant(model, drives, q, live, N * (q + force / K), force / N, at_rest)
+
+
+def linearise(plant: Plant) -> Linear:
+    """Returns the plant's linear model about rest: the mass matrix of MuJoCo and the slope of its gravity forces."""
+    model, data, m = plant.model, plant.data(), len(plant.live)
+    mass = np.zeros((model.nv, model.nv))
+    for column, unit in zip(mass, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
+    J = mass[1::2, 1::2]
+    drives = [plant.drives[i] for i in plant.live]
+    N, J_m, K, D, D_spring = (np.array([getattr(d, k) for d in drives]) for k in ("N", "J_m", "K", "D", "D_spring"))
+    q = plant.posture[list(plant.live)]
+    slope = np.array([_gravity_force(model, q + s) - _gravity_force(model, q - s) for s in _DIFFERENCE * np.eye(m)])
+    spring, damper, none = np.diag(K), np.diag(D_spring), np.zeros((m, m))
+    return Linear(
+        M=np.block([[np.diag(N**2 * J_m), none], [none, J]]),
+        D=np.block([[np.diag(N**2 * D) + damper, -damper], [-damper, damper]]),
+        K=np.block([[spring, -spring], [-spring, spring + slope.T / (2 * _DIFFERENCE)]]),
+        N=N,
+    )
+
+
+def _gravity_force(model: mujoco.MjModel, q: Array) -> Array:
+    """Gravity forces [m, N m] on the m live joints at link angles q [m, rad]: what holds the arm at rest."""
+    data = mujoco.MjData(model)
+    data.qpos[::2] = q
+    mujoco.mj_forward(model, data)
+    return np.array(data.qfrc_bias[1::2])
+
+
+def _compile(
+    chain: Chain,
+    drives: tuple[Drive, ...],
+    gravity: ArrayLike,
+    q: Array,
+    live: tuple[int, ...],
+    step: float,
+    integrator: str,
+) -> mujoco.MjModel:
+    root = ET.Element("mujoco")
+    ET.SubElement(root, "compiler", angle="radian", fusestatic="true")
+    option = ET.SubElement(root, "option", timestep=_text(step), integrator=integrator, gravity=_text(gravity))
+    # a state that has blown up must stay visible: autoreset would put the arm back to rest without a word
+    ET.SubElement(option, "flag", contact="disable", constraint="disable", sensor="disable", autoreset="disable")
+    body = ET.SubElement(root, "worldbody")
+    motors = ET.SubElement(root, "actuator")
+    for i, (joint, drive) in enumerate(zip(chain.joints, drives, strict=True)):
+        R, p = joint.R, joint.p
+        if i not in live:
+            R, p = _frozen_pose(joint.type, joint.axis, R, p, q[i])
+        body = ET.SubElement(body, "body", name=f"link{i}", pos=_text(p), quat=_quaternion(R))
+        if i in live:
+            kind = {
+                "type": "hinge" if joint.type == REVOLUTE else "slide",
+                "axis": _text(joint.axis),
+                "limited": "false",
+            }
+            rotor, damping = _text(drive.N**2 * drive.J_m), _text(drive.N**2 * drive.D)
+            ET.SubElement(body, "joint", kind, name=f"motor{i}", armature=rotor, damping=damping)
+            spring = {"stiffness": _text(drive.K), "damping": _text(drive.D_spring)}
+            ET.SubElement(body, "joint", kind, name=f"spring{i}", **spring)
+            ET.SubElement(motors, "motor", joint=f"motor{i}", gear=_text(drive.N))
+        _add_inertial(body, joint.inertia)
+    try:
+        return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
+    except ValueError as error:
+        names = ", ".join(f"link{i} = {joint.link!r}" for i, joint in enumerate(chain.joints))
+        raise ExperimentError(f"{chain.name}: cannot be simulated: {' '.join(str(error).split())} ({names})") from None
+
+
+def _frozen_pose(kind: str, axis: Array, R: Array, p: Array, q: float) -> tuple[Array, Array]:
+    """The joint frame's pose in the previous link's frame, moved to q for good."""
+    if kind == REVOLUTE:
+        return R @ expm(skew(axis) * q), p
+    return R, p + R @ axis * q
+
+
+def _add_inertial(body: ET.Element, inertia: Inertia) -> None:
+    moments, axes = np.linalg.eigh(inertia.I)
+    axes[:, 2] *= np.linalg.det(axes)  # right-handed
+    pose = {"pos": _text(inertia.com), "quat": _quaternion(axes)}
+    ET.SubElement(body, "inertial", pose, mass=_text(inertia.mass), diaginertia=_text(moments))
+
+
+def _quaternion(R: Array) -> str:
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R).ravel())
+    return _text(quaternion)
+
+
+def _text(values: ArrayLike) -> str:
+    return " ".join(repr(float(value)) for value in np.asarray(values, dtype=float).ravel())
