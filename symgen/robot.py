@@ -8,8 +8,9 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from math import isfinite
+from os.path import isdir, isfile  # unlike pathlib's, false for every path that cannot be one
 from pathlib import Path
+from sys import float_info
 from typing import Any
 
 import numpy as np
@@ -84,8 +85,8 @@ class Robot:
         for drive in self.drives:
             if drive.joint == joint:
                 return drive
-        names = ", ".join(d.joint for d in self.drives)
-        raise RobotError(f"{self.path}: joint {joint!r} has no [joint.{joint}] table; drives are stated for {names}")
+        names = ", ".join(_key(drive.joint) for drive in self.drives)
+        raise RobotError(f"{self.path}: joint {joint!r} has no [joint.<name>] table; expected one of {names}")
 
 
 def load_robot(path: str | Path) -> Robot:
@@ -94,26 +95,23 @@ def load_robot(path: str | Path) -> Robot:
     Raises RobotError, one line naming file, table and key: unknown or missing key, wrong type, impossible value.
     """
     path = Path(path)
-    file = path / "robot.toml" if path.is_dir() else path
+    file = path / "robot.toml" if isdir(path) else path
     document = _read(file)
     _check_keys(str(file), document, _TABLES, required=("robot", "joint"))
-    for name in document:
-        _require_table(f"{file}: [{name}]", document[name])
     top = _values(f"{file}: [robot]", document["robot"], _ROBOT, required=("urdf",))
     urdf = file.parent / top.pop("urdf")
-    if not urdf.is_file():
-        raise RobotError(
-            f"{file}: [robot]: urdf: no such file {str(urdf)!r}; expected a path relative to the toml file"
-        )
-    if not document["joint"]:
-        raise RobotError(f"{file}: [joint]: no drive; expected one [joint.<name>] table per driven joint")
-    drives = tuple(_drive(f"{file}: [joint.{name}]", name, table) for name, table in document["joint"].items())
+    if not isfile(urdf):
+        raise RobotError(f"{file}: [robot]: urdf: no such file {str(urdf)!r}; expected a path relative to the toml")
+    tables = document["joint"]
+    if not isinstance(tables, dict) or not tables:
+        raise RobotError(f"{file}: [joint]: found {_short(tables)}, expected one [joint.<name>] table per driven joint")
+    drives = tuple(_drive(f"{file}: [joint.{_key(name)}]", name, table) for name, table in tables.items())
     experiment = _experiment(f"{file}: [experiment]", document.get("experiment", {}))
     return Robot(file.resolve().parent.name, file, urdf, drives, experiment, **top)
 
 
 def _read(file: Path) -> dict[str, Any]:
-    if not file.is_file():
+    if not isfile(file):
         raise RobotError(f"{file}: no such file; expected a robot.toml or the directory that holds one")
     try:
         if file.stat().st_size > _MAX_BYTES:
@@ -137,15 +135,10 @@ _Check = Callable[[Any], Any]
 
 def _number(expected: str, ok: Callable[[float], bool]) -> _Check:
     def check(value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        numeric = isinstance(value, int | float) and not isinstance(value, bool)
+        if not (numeric and abs(value) <= float_info.max and ok(value)):  # neither nan nor inf, nor an endless integer
             raise _Unfit(expected)
-        try:
-            number = float(value)
-        except OverflowError:  # a TOML integer has no size limit
-            raise _Unfit(expected) from None
-        if not (isfinite(number) and ok(number)):
-            raise _Unfit(expected)
-        return number
+        return float(value)
 
     return check
 
@@ -247,21 +240,19 @@ _LINEAR: _Rules = {
 
 
 def _drive(where: str, joint: str, table: Any) -> Drive:
-    _require_table(where, table)
-    linear = any(key in table for key in _LINEAR)
+    linear = isinstance(table, dict) and any(key in table for key in _LINEAR)
     rules = {**(_LINEAR if linear else _ROTARY), **_MOTOR}
     return Drive(joint=joint, linear=linear, **_values(where, table, rules, required=tuple(rules)))
 
 
-def _experiment(where: str, table: Mapping[str, Any]) -> Experiment:
+def _experiment(where: str, table: Any) -> Experiment:
     result = Experiment(**_values(where, table, _EXPERIMENT, required=()))
     samples, (low, high) = result.fs / result.f0, result.band
-    if abs(samples - round(samples)) > _WHOLE * samples:
+    if samples > _MAX_SAMPLES or abs(samples - round(samples)) > _WHOLE * samples:
         raise RobotError(
-            f"{where}: sample_rate_Hz / line_spacing_Hz = {samples:.10g}; expected a whole number of samples per period"
+            f"{where}: sample_rate_Hz / line_spacing_Hz = {samples:.10g} samples per period; "
+            f"expected a whole number of at most {_MAX_SAMPLES:g}"
         )
-    if samples > _MAX_SAMPLES:
-        raise RobotError(f"{where}: {samples:.3g} samples per period; expected at most {_MAX_SAMPLES:g}")
     if high >= result.fs / 2:
         raise RobotError(f"{where}: band_Hz: {high:g} Hz is not below sample_rate_Hz / 2 = {result.fs / 2:g} Hz")
     if np.floor(high / result.f0 * (1 + _WHOLE)) < np.ceil(low / result.f0 * (1 - _WHOLE)):
@@ -269,7 +260,7 @@ def _experiment(where: str, table: Mapping[str, Any]) -> Experiment:
     return result
 
 
-def _values(where: str, table: Mapping[str, Any], rules: _Rules, required: tuple[str, ...]) -> dict[str, Any]:
+def _values(where: str, table: Any, rules: _Rules, required: tuple[str, ...]) -> dict[str, Any]:
     """Returns {field: checked value} for the keys of one table."""
     _check_keys(where, table, rules, required)
     result = {}
@@ -282,7 +273,9 @@ def _values(where: str, table: Mapping[str, Any], rules: _Rules, required: tuple
     return result
 
 
-def _check_keys(where: str, table: Mapping[str, Any], known: Iterable[str], required: tuple[str, ...]) -> None:
+def _check_keys(where: str, table: Any, known: Iterable[str], required: tuple[str, ...]) -> None:
+    if not isinstance(table, dict):
+        raise RobotError(f"{where}: found {_short(table)}, expected a table")
     known = tuple(known)
     for key in table:
         if key not in known:
@@ -293,9 +286,8 @@ def _check_keys(where: str, table: Mapping[str, Any], known: Iterable[str], requ
             raise RobotError(f"{where}: key {key!r} is missing")
 
 
-def _require_table(where: str, value: Any) -> None:
-    if not isinstance(value, dict):
-        raise RobotError(f"{where}: found {_short(value)}, expected a table")
+def _key(name: str) -> str:
+    return name if name.isprintable() else repr(name)
 
 
 def _short(value: Any) -> str:

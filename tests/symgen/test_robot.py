@@ -89,7 +89,7 @@ def test_ypp3_reads_into_its_dataclasses_from_directory_or_file() -> None:
     same = load_robot(YPP3 / "robot.toml")
     assert (same.drives, same.experiment, same.name) == (robot.drives, robot.experiment, "ypp3")
     with pytest.raises(
-        RobotError, match=r"robot.toml: joint 'joint4' has no \[joint.joint4\] table; .* joint1, joint2, joint3"
+        RobotError, match=r"robot.toml: joint 'joint4' has no .* table; expected one of joint1, joint2, joint3"
     ):
         robot.drive("joint4")
 
@@ -168,9 +168,10 @@ BAD = {
     "unknown table": (HEAD + J + "[joints.j]\n", "unknown key 'joints'; expected robot, experiment, joint"),
     "no robot": (J, "key 'robot' is missing"),
     "no joint": (HEAD, "key 'joint' is missing"),
-    "no drive": (HEAD + "[joint]\n", r"\[joint\]: no drive"),
+    "no drive": (HEAD + "[joint]\n", r"\[joint\]: found {}, expected one \[joint.<name>\] table"),
     "robot is a number": ("robot = 1\n" + J, r"\[robot\]: found 1, expected a table"),
-    "joint is a number": (HEAD + "[joint]\nj = 1\n", r"\[joint.j\]: found 1, expected a table"),
+    "joint is a list": (HEAD + "[[joint]]\n", r"\[joint\]: found .*, expected one \[joint.<name>\] table"),
+    "drive is a number": (HEAD + "[joint]\nj = 1\n", r"\[joint.j\]: found 1, expected a table"),
     "no urdf": ("[robot]\n" + J, r"\[robot\]: key 'urdf' is missing"),
     "urdf absent": ('[robot]\nurdf = "b.urdf"\n' + J, r"\[robot\]: urdf: no such file '.*b.urdf'"),
     "urdf is a number": ("[robot]\nurdf = 1\n" + J, r"\[robot\]: urdf: found 1, expected a non-empty string"),
@@ -225,11 +226,17 @@ BAD = {
     ),
     "broken period": (
         HEAD + "[experiment]\nline_spacing_Hz = 0.3\n" + J,
-        "= 3333.333333; expected a whole number of samples",
+        "= 3333.333333 samples per period; expected a whole",
     ),
+    "rate beyond floats": (
+        HEAD + "[experiment]\nsample_rate_Hz = 1e308\nline_spacing_Hz = 1e-308\n" + J,
+        "= inf samples",
+    ),
+    "name of two lines": (HEAD + '[joint."a\\nb"]\n', r"\[joint.'a\\nb'\]: key 'N' is missing"),
+    "urdf name too long": (f'[robot]\nurdf = "{"x" * 300}"\n' + J, r"\[robot\]: urdf: no such file"),
     "endless period": (
         HEAD + "[experiment]\nline_spacing_Hz = 1e-9\n" + J,
-        r"1e\+12 samples per period; expected at most",
+        r"1e\+12 samples per period; expected a whole number of at",
     ),
 }
 

@@ -274,6 +274,14 @@ def test_a_joint_that_mimics_stands_where_its_master_stands() -> None:
     assert parse_chain(robot(*arm(3), *GRIPPER), at={"other": 0.3}).frozen == {"finger": 0.0, "other": 0.3}
 
 
+def test_at_freezes_joints_of_the_arm_but_does_not_change_where_it_ends() -> None:
+    mimicking = robot("j1 revolute a b", 'j2 revolute b c <mimic joint="j1"/>', "j3 revolute c d")
+    chain = parse_chain(mimicking, at={"j2": 0.2})  # frozen by hand, so it mimics no more
+    assert (chain.names, chain.frozen, chain.tip_link) == (("j1", "j3"), {"j2": 0.2}, "d")
+    chain = parse_chain(robot(*arm(3), *GRIPPER), at={"j3": 0.1})
+    assert (chain.names, chain.tip_link) == (("j1", "j2"), "l3")
+
+
 def test_zero_outside_the_limits_is_clamped_into_them() -> None:
     side = 'side revolute l1 s <limit lower="0.4" upper="2" effort="0" velocity="0"/>'
     assert parse_chain(robot(*arm(3), side)).frozen == {"side": 0.4}
