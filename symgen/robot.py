@@ -28,8 +28,8 @@ _MAX_GRAVITY = 100.0  # m/s2; anything beyond is a unit slip (mm/s2)
 class Drive:
     """Motor, gear and spring of one joint.
 
-    `N` [1] motor rad per joint rad (negative: reversed), `J_m` [kg m2] and `D` [N m s/rad] motor side, `K` [N m/rad] and
-    `D_spring` [N m s/rad] joint side, `encoder_counts` per motor revolution, `tau_max` [N m] motor side. A `linear`
+    `N` [1] motor rad per joint rad (negative: reversed), `J_m` [kg m2] and `D` [N m s/rad] motor side, `K` [N m/rad]
+    and `D_spring` [N m s/rad] joint side, `encoder_counts` per motor revolution, `tau_max` [N m] motor side. A `linear`
     (prismatic) joint has N in motor rad per m, K in N/m and D_spring in N s/m; its motor is rotary all the same.
     """
 
@@ -46,9 +46,9 @@ class Drive:
 
 @dataclass(frozen=True)
 class Experiment:
-    """How one record is made: `fs`, `band`, `f0` (line spacing), `lock_pd` and `lock_dob` in Hz, `periods` recorded (the
-    settling ones included), `swing` [rad] the largest joint swing the excitation may cause, `torque_noise` rms relative
-    to the excitation's rms (simulated robots only)."""
+    """How one record is made: `fs`, `band`, `f0` (line spacing), `lock_pd` and `lock_dob` in Hz, `periods` recorded
+    (the settling ones included), `swing` [rad] the largest joint swing the excitation may cause, `torque_noise` rms
+    relative to the excitation's rms (simulated robots only)."""
 
     fs: float = 1000.0
     band: tuple[float, float] = (0.1, 120.0)

@@ -20,8 +20,8 @@ from symgen.urdf_arm import Arm, choose_arm
 from symgen.urdf_tree import Body, RawJoint, Tree, read_tree
 from symgen.urdf_xml import decode, read_bytes, shown
 
-# Principal moments of a body obey I1 + I2 >= I3 >= 0. In the 69 URDFs of example-robot-data every link either does so to
-# its last digit or breaks it by 0.2 % and more (mostly 10-100 %: made up, or copied from another link).
+# Principal moments of a body obey I1 + I2 >= I3 >= 0. In the 69 URDFs of example-robot-data every link either does so
+# to its last digit or breaks it by 0.2 % and more (mostly 10-100 %: made up, or copied from another link).
 _PHYSICAL = 1e-3
 _POINT_RADIUS = 1e-6  # m: moments of m (1 um)^2 are those of a point mass, written with rounding
 _Pose = tuple[Array, Array]  # rotation [3, 3] and origin [3, m] of a frame
@@ -59,12 +59,13 @@ def parse_chain(
 
     `base` defaults to the root link, `tip` to the end of the longest run of moving joints that mimic no other, grippers
     left out. What lies before `base` is dropped; everything behind it that moves but is not on the way to `tip` is
-    frozen where `at` {joint: rad or m} says, else at 0 or the limit next to 0 (or where it mimics), and lumped. `at` may
-    freeze joints of the arm as well. With `snap`, angles within 1e-4 rad of a multiple of pi/12 and axes within 1e-4 rad
-    of a coordinate axis are set exactly and reported in `Chain.snapped`; without it only those within 1e-9 rad.
+    frozen where `at` {joint: rad or m} says, else at 0 or the limit next to 0 (or where it mimics), and lumped. `at`
+    may freeze joints of the arm as well. With `snap`, angles within 1e-4 rad of a multiple of pi/12 and axes within
+    1e-4 rad of a coordinate axis are set exactly and reported in `Chain.snapped`; without it only those within
+    1e-9 rad.
 
-    Raises UrdfError, one line that starts with `where`: not XML, not a tree, a number missing or impossible, a link that
-    no rigid body can be, a name that does not exist, or a choice between arms that only the caller can make.
+    Raises UrdfError, one line that starts with `where`: not XML, not a tree, a number missing or impossible, a link
+    that no rigid body can be, a name that does not exist, or a choice between arms that only the caller can make.
     """
     try:
         data = text.encode()
@@ -170,8 +171,8 @@ def _check_bodies(arm: Arm, bodies: Mapping[str, Inertia], tolerance: float) -> 
     for joint in arm.moving:
         if bodies[joint.name].mass <= 0.0:
             raise UrdfError(
-                f"link {shown(joint.child)} behind joint {shown(joint.name)} is massless, with all that is fixed to it; "
-                "expected an <inertial> with mass > 0"
+                f"link {shown(joint.child)} behind joint {shown(joint.name)} is massless, with all that is fixed to it"
+                "; expected an <inertial> with mass > 0"
             )
     last = arm.moving[-1]
     body, (axis, _) = bodies[last.name], angles.unit_axis(last.axis, tolerance)

@@ -25,8 +25,9 @@ class Arm:
 
 
 def choose_arm(tree: Tree, base: str | None, tip: str | None, at: Mapping[str, float]) -> Arm:
-    """Returns the arm from `base` (default: the root link) to `tip` (default: `_default_tip`), without the joints frozen by
-    `at` {joint: rad or m}; `at` never changes where the arm ends. UrdfError: an unknown name, no arm, two arms, or joints that no serial arm has."""
+    """Returns the arm from `base` (default: the root link) to `tip` (default: `_default_tip`), without the joints that
+    `at` {joint: rad or m} freezes; `at` does not change where the arm ends. UrdfError: an unknown name, no arm, two
+    arms, or joints that no serial arm has."""
     for role, link in (("base", base), ("tip", tip)):
         if link is not None and link not in tree.links:
             raise UrdfError(f"{role} link {shown(link)} does not exist; links are {_listed(tree.links)}")
@@ -82,7 +83,7 @@ def _check_frozen(tree: Tree, at: Mapping[str, float]) -> None:
 
 
 def _standing(tree: Tree, at: Mapping[str, float]) -> dict[str, float]:
-    """Returns for every joint the value it is frozen at if it is frozen: `at`, else where it mimics, else 0; clamped."""
+    """Returns for every joint the value to freeze it at: `at`, else where it mimics, else 0; clamped to its limits."""
     stand = {name: float(value) for name, value in at.items()}
     for joint in tree.joints.values():
         followers = dict[str, RawJoint]()
@@ -105,9 +106,9 @@ def _standing(tree: Tree, at: Mapping[str, float]) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class _Groups:
-    """A group is a link (its head) with all that is fixed to it: `head` of each link, the movable joints that leave each
-    group (`out`), the longest `run` of counting joints that each of these starts, and each link's `span` of positions
-    in the depth-first order (its own, and the last one behind it)."""
+    """A group is a link (its head) with all that is fixed to it: `head` of each link, the movable joints that leave
+    each group (`out`), the longest `run` of counting joints that each of these starts, and each link's `span` of
+    positions in the depth-first order (its own, and the last one behind it)."""
 
     head: Mapping[str, str]
     out: Mapping[str, list[RawJoint]]
@@ -115,9 +116,9 @@ class _Groups:
     span: Mapping[str, tuple[int, int]]
 
     def is_rod(self, master: RawJoint | None, head: str) -> bool:
-        """Says whether what mimics `master` at `head` runs alongside the arm: a finger's master would lie behind `head`."""
+        """Says whether what mimics `master` at `head` runs alongside the arm; a finger's master would lie behind it."""
         first, last = self.span[head]
-        return master is not None and not first <= self.span.get(master.child, (-1, -1))[0] <= last
+        return master is not None and not first < self.span.get(master.child, (-1, -1))[0] <= last
 
 
 def _default_tip(tree: Tree, base: str) -> str:

@@ -20,8 +20,8 @@ _LARGEST_FLOAT = 1.7976931348623157e308
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The <inertial> of a link: mass [kg], centre of mass `xyz` [3, m] and axes `rpy` [3, rad] in the link frame, and the
-    inertia `I` [3, 3, kg m2] about the centre of mass in those axes."""
+    """The <inertial> of a link: mass [kg], centre of mass `xyz` [3, m] and axes `rpy` [3, rad] in the link frame, and
+    the inertia `I` [3, 3, kg m2] about the centre of mass in those axes."""
 
     mass: float
     xyz: Array
@@ -40,8 +40,8 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False)
 class RawJoint:
-    """One <joint>: origin `xyz` [3, m], `rpy` [3, rad], `axis` [3] as written; limits in rad or m, rad/s or m/s and N m or
-    N, infinite where not stated."""
+    """One <joint>: origin `xyz` [3, m], `rpy` [3, rad], `axis` [3] as written; limits in rad or m, rad/s or m/s and N m
+    or N, infinite where not stated."""
 
     name: str
     type: str
@@ -101,7 +101,7 @@ class Tree:
 
 
 def read_tree(text: str) -> Tree:
-    """Returns the tree of a URDF text. UrdfError, one line without the file's name, at the first thing that is wrong."""
+    """Returns the tree of a URDF text. UrdfError, one line without the file's name, at the first thing wrong."""
     root = root_element(text)
     links: dict[str, Body | None] = {}
     for element in root.findall("link"):
@@ -182,9 +182,9 @@ def _mimic(joint: ET.Element, where: str) -> Mimic | None:
 def _limit(joint: ET.Element, kind: str, where: str) -> tuple[float, float, float, float]:
     """Returns (lower, upper, velocity, effort).
 
-    Unstated is infinite: no <limit>, no bound at all or four zeros (an exporter's blank), a continuous joint's angles, a
-    velocity or effort of 0, and anything beyond 1e6 (1e16 is an exporter's infinity). One bound alone makes the other 0,
-    as the format says.
+    Unstated is infinite: no <limit>, no bound at all or four zeros (an exporter's blank), a continuous joint's angles,
+    a velocity or effort of 0, and anything beyond 1e6 (1e16 is an exporter's infinity). One bound alone makes the other
+    0, as the format says.
     """
     limit = only(joint, "limit", where)
     if limit is None:

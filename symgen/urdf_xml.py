@@ -69,8 +69,8 @@ def decode(data: bytes) -> str:
 
 
 def root_element(text: str) -> ET.Element:
-    """Returns the <robot> element of a URDF text. UrdfError for bad XML, a DOCTYPE (and with it every entity definition),
-    a xacro macro, and any other kind of document."""
+    """Returns the <robot> element of a URDF text. UrdfError for bad XML, a DOCTYPE (and with it every entity
+    definition), a xacro macro, and any other kind of document."""
     if len(text) > _MAX_BYTES:
         raise UrdfError(f"larger than {_MAX_BYTES // 10**6} MB; expected a URDF")
     if not text.strip("\ufeff \t\r\n"):

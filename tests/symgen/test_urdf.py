@@ -183,7 +183,8 @@ def robot(*joints: str, body: str = BODY) -> str:
             "<robot>",
             *(f'<link name="{link}">{body}</link>' for link in links),
             *(
-                f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{"".join(extra)}</joint>'
+                f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+                f"{''.join(extra)}</joint>"
                 for name, kind, parent, child, *extra in words
             ),
             "</robot>",
@@ -196,7 +197,7 @@ def arm(n: int) -> list[str]:
 
 
 def random_tree(rng: np.random.Generator) -> tuple[str, str, dict[str, float]]:
-    """A tree of 12 links with random joints and bodies; returns (URDF, a leaf's name, values of all its moving joints)."""
+    """A tree of 12 links with random joints and bodies; returns (URDF, a leaf's name, values of all moving joints)."""
 
     def numbers(scale: float, size: int = 3) -> str:
         return " ".join(repr(float(x)) for x in rng.uniform(-scale, scale, size))
@@ -206,13 +207,16 @@ def random_tree(rng: np.random.Generator) -> tuple[str, str, dict[str, float]]:
         a = rng.uniform(0.1, 1.0, 3)  # second moments along the principal axes: any such body exists
         moments = (a[1] + a[2], a[0] + a[2], a[0] + a[1])
         links.append(
-            f'<link name="l{i}"><inertial><origin xyz="{numbers(0.3)}" rpy="{numbers(3)}"/><mass value="{rng.uniform(0.5, 5)}"/>'
-            f'<inertia ixx="{moments[0]}" ixy="0" ixz="0" iyy="{moments[1]}" iyz="0" izz="{moments[2]}"/></inertial></link>'
+            f'<link name="l{i}"><inertial><origin xyz="{numbers(0.3)}" rpy="{numbers(3)}"/>'
+            f'<mass value="{rng.uniform(0.5, 5)}"/>'
+            f'<inertia ixx="{moments[0]}" ixy="0" ixz="0" iyy="{moments[1]}" iyz="0" izz="{moments[2]}"/>'
+            "</inertial></link>"
         )
         if i:
             kind = str(rng.choice(["revolute", "prismatic", "continuous", "fixed"], p=[0.4, 0.2, 0.2, 0.2]))
             joints.append(
-                f'<joint name="j{i}" type="{kind}"><parent link="l{rng.integers(max(0, i - 3), i)}"/><child link="l{i}"/>'
+                f'<joint name="j{i}" type="{kind}">'
+                f'<parent link="l{rng.integers(max(0, i - 3), i)}"/><child link="l{i}"/>'
                 f'<origin xyz="{numbers(0.5)}" rpy="{numbers(3)}"/><axis xyz="{numbers(1)}"/>'
                 '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
             )
@@ -254,11 +258,9 @@ MIMIC_OF_J2 = '<mimic joint="j2"/>'
         ),
         ([*arm(3), f"slave revolute l3 s {MIMIC_OF_J2}"], ("j1", "j2", "j3"), "l3"),
         ([*arm(3), "finger prismatic l3 f1"], ("j1", "j2", "j3", "finger"), "f1"),  # one jaw: a joint like any other
-        (
-            [*arm(6), f"rod revolute l4 r {MIMIC_OF_J2}"],
-            tuple(f"j{i}" for i in range(1, 7)),
-            "l6",
-        ),  # a linkage, no finger
+        # A rod of a linkage is no finger, whether its joint follows one further down or the one it sits on.
+        ([*arm(6), f"rod revolute l4 r {MIMIC_OF_J2}"], tuple(f"j{i}" for i in range(1, 7)), "l6"),
+        ([*arm(6), 'rod revolute l4 r <mimic joint="j4"/>'], tuple(f"j{i}" for i in range(1, 7)), "l6"),
         (["w fixed world l0", *arm(2), "cam fixed l1 c", "tool fixed l2 t1", "tcp fixed t1 t2"], ("j1", "j2"), "t2"),
         (["wheel continuous l0 w", *arm(3), "neck revolute l1 head"], ("j1", "j2", "j3"), "l3"),  # the longest run
     ],
@@ -340,7 +342,8 @@ def test_text_encodings_and_odd_names(tmp_path: Path, encoding: str) -> None:
 
 
 def test_simulator_extras_are_ignored() -> None:
-    extras = '<gazebo><link name="l1"><inertial/></link><joint name="j1"/></gazebo><transmission><joint name="j1"/></transmission>'
+    again = '<link name="l1"><inertial/></link><joint name="j1"/>'
+    extras = f"<gazebo>{again}</gazebo><transmission>{again}</transmission>"
     namespace = '<robot xmlns:xacro="http://ros.org/wiki/xacro" xmlns="http://drake.mit.edu">'
     chain = parse_chain(robot(*arm(2)).replace("<robot>", namespace + extras))
     assert chain.names == ("j1", "j2")
@@ -562,7 +565,7 @@ NASTY = [
 
 
 def mutant(text: str, rng: np.random.Generator) -> str:
-    """The text after one to three accidents: a value replaced, an element lost or doubled, two values swapped, a cut."""
+    """The text after one to three accidents: a value replaced or copied, an element lost or doubled, a cut."""
     for _ in range(rng.integers(1, 4)):
         values = list(re.finditer(r'"[^"]*"', text))
         elements = list(re.finditer(r"<\w[^<>]*/>", text))
