@@ -13,9 +13,9 @@ import numpy as np
 
 from symgen import postures, regressor
 from symgen.basis import Factoring, factor
-from symgen.chain import Array, Chain
-from symgen.errors import PlanError
-from symgen.robot import Drive
+from symgen.chain import PRISMATIC, Array, Chain
+from symgen.errors import PlanError, RobotError
+from symgen.robot import Drive, Robot
 from symgen.urdf import load_chain, parse_chain
 
 FORMAT, VERSION = "symgen-plan", 1
@@ -274,3 +274,32 @@ def chain_of_file(path: str | Path, **options: Any) -> tuple[Chain, Chain | None
     """Returns the chain of a URDF file as snapped, and as written (None where nothing was snapped or snap is off)."""
     chain = load_chain(path, **options)
     return chain, load_chain(path, **(options | {"snap": False})) if chain.snapped else None
+
+
+def chain_of_robot(robot: Robot) -> Chain:
+    """Returns the arm of a robot directory; every driven joint has its drive, of the kind that fits it.
+
+    Raises UrdfError, or RobotError naming the joint whose drive is missing or has another unit.
+    """
+    chain = load_chain(robot.urdf, base=robot.base, tip=robot.tip, at=robot.at)
+    for joint in chain.joints:
+        if robot.drive(joint.name).linear != (joint.type == PRISMATIC):
+            unit = "N and m (K_N_per_m, ..)" if joint.type == PRISMATIC else "N m and rad (K_Nm_per_rad, ..)"
+            raise RobotError(f"{robot.path}: [joint.{joint.name}]: the URDF says {joint.type}; expected keys in {unit}")
+    extra = [drive.joint for drive in robot.drives if drive.joint not in (*chain.names, *chain.frozen)]
+    if extra:
+        raise RobotError(f"{robot.path}: [joint.{extra[0]}]: no such joint in the arm; it has {', '.join(chain.names)}")
+    return chain
+
+
+def write_J(model: Model, alpha: Array, path: Path) -> None:
+    """Writes the CasADi function J (q [n]) -> [n, n] with the constants alpha [D] put in."""
+    import casadi as ca
+
+    from symgen.emit import functions
+
+    q = ca.SX.sym("q", model.chain.n)
+    J = functions(model.factoring)["J"](q, ca.DM(alpha))
+    beside = path.with_name(f".{path.name}")
+    ca.Function("J", [q], [J], ["q"], ["J"]).save(str(beside))
+    beside.replace(path)

@@ -1,0 +1,203 @@
+"""ident: simulate a campaign, fit one, or both. Parses, calls and prints; the work is elsewhere."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import IdentError
+from symgen.errors import SymgenError
+
+if TYPE_CHECKING:
+    from ident.campaign import Campaign
+    from ident.identify import Identification
+
+#: Threads cost more than they give on the small matrices here; set before numpy is first imported.
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="ident",
+        description="Identify the inertia matrix J(q) of an arm with elastic joints from frequency responses.",
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
+        return sub
+
+    simulate = command("simulate", "Run the planned campaign on the simulated robot and write the campaign file.")
+    run = command("run", "Simulate the planned campaign, identify J(q) from it and write a report.")
+    fit = command("fit", "Identify J(q) from a campaign file and write a report.")
+    paper = command("paper", "Reproduce the two tables of the paper and put them right.")
+    for sub in (simulate, run):
+        sub.add_argument("robot", metavar="ROBOT_DIR", help="directory with robot.toml and the URDF it names")
+        sub.add_argument("--seed", type=int, default=0, help="of the excitation and of the noise (default 0)")
+        sub.add_argument(
+            "--lock", choices=("dob", "rigid"), default="dob",
+            help="hold the other joints by PD and disturbance observer on their motors (dob), or weld them (rigid)",
+        )  # fmt: skip
+    simulate.add_argument("-o", dest="out", metavar="FILE.h5", required=True, help="the campaign file to write")
+    fit.add_argument("campaign", metavar="CAMPAIGN.h5")
+    for sub in (run, fit):
+        sub.add_argument(
+            "-o", dest="out", metavar="DIR", required=True, help="write result.json, report.html, J.casadi here"
+        )
+        sub.add_argument("--method", default="two-mass", help="two-mass (default) or three-point (the paper's reading)")
+        sub.add_argument("--brief", action="store_true", help="print the verdict without the tables")
+    fit.add_argument(
+        "--believe-zeros", action=argparse.BooleanOptionalAction, default=None,
+        help="take inertial parameters that are exactly zero in the URDF as known (default: only where the records need it)",
+    )  # fmt: skip
+    paper.add_argument("robot", metavar="ROBOT_DIR", nargs="?", default="robots/ypp3", help="default robots/ypp3")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line and returns the exit status.
+
+    0 done; 1 done, but a problem was found (a fit that does not explain its data); 2 misuse or bad input (one line).
+    """
+    for name in _ONE_THREAD:
+        os.environ.setdefault(name, "1")
+    options = _parser().parse_args(arguments)
+    try:
+        return {"simulate": _simulate, "run": _run, "fit": _fit, "paper": _paper}[options.command](options)
+    except (IdentError, SymgenError) as error:
+        print(f"ident: {error}", file=sys.stderr)
+    except OSError as error:
+        print(f"ident: {error.filename}: {error.strerror}", file=sys.stderr)
+    return 2
+
+
+def _progress(options: argparse.Namespace) -> Callable[[str], None]:
+    """Says on standard error what is being done, on one line where that is a terminal; never with --json."""
+    if options.json or not sys.stderr.isatty():
+        return lambda text: None
+    return lambda text: print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def _campaign(options: argparse.Namespace) -> tuple[Campaign, bool]:
+    """The planned campaign of a robot directory on the simulated robot, and whether its zeros are believed."""
+    from ident.bench import simulate
+    from symgen.plan import chain_of_robot, make_plan, reflected_inertia
+    from symgen.robot import load_robot
+
+    robot = load_robot(options.robot)
+    chain = chain_of_robot(robot)
+    rotor = reflected_inertia(chain, robot.drives)
+    plan = make_plan(chain, believe_zeros=robot.believe_zeros, rotor=rotor)
+    cells = [(cell.joint, cell.q) for cell in plan.cells]
+    say = _progress(options)
+    campaign = simulate(
+        chain, robot, cells, lock=options.lock, seed=options.seed,
+        progress=lambda done, count: say(f"{done} of {count} records simulated"),
+    )  # fmt: skip
+    say("")
+    return campaign, robot.believe_zeros
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from ident.store import write_campaign
+
+    campaign, _ = _campaign(options)
+    write_campaign(campaign, options.out)
+    if options.json:
+        print(json.dumps({"campaign": options.out, "records": [record.id for record in campaign.records]}))
+    else:
+        print(f"{options.out}: {len(campaign.records)} records, {campaign.source}")
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    from ident.store import write_campaign
+
+    out = _directory(options.out)
+    campaign, believe_zeros = _campaign(options)
+    write_campaign(campaign, out / "campaign.h5")
+    return _identified(campaign, believe_zeros, out, options)
+
+
+def _fit(options: argparse.Namespace) -> int:
+    from ident.store import read_campaign
+
+    out = _directory(options.out)
+    return _identified(read_campaign(options.campaign), options.believe_zeros, out, options)
+
+
+def _paper(options: argparse.Namespace) -> int:
+    from ident import paper
+
+    tables = paper.run(options.robot, progress=_progress(options))
+    print(json.dumps(paper.document(tables)) if options.json else paper.text(tables))
+    return 0
+
+
+def _directory(path: str) -> Path:
+    directory = Path(path)
+    if directory.exists() and not directory.is_dir():
+        raise IdentError(f"-o {path}: a file; expected a directory")
+    directory.mkdir(parents=True, exist_ok=True)
+    return directory
+
+
+def _identified(campaign: Campaign, believe_zeros: bool | None, out: Path, options: argparse.Namespace) -> int:
+    from ident import report
+    from ident.identify import identify
+    from symgen.plan import write_J
+
+    result = identify(campaign, method=options.method, believe_zeros=believe_zeros, progress=_progress(options))
+    report.write(result, out)
+    write_J(result.model, result.alpha_all, out / "J.casadi")
+    document = report.result_document(result)
+    if options.json:
+        print(json.dumps(document, ensure_ascii=False))
+    else:
+        _print(result, document, out, options.brief)
+    return 0 if result.explained else 1
+
+
+def _print(result: Identification, document: dict[str, Any], out: Path, brief: bool) -> None:
+    print(result.campaign.source)
+    print()
+    print(
+        f"{'record':<8}{'entry':<7}{'posture [rad]':<28}{'measured':>10}{'sigma':>10}{'CAD':>10}{'error %':>9}{'chi2/dof':>11}"
+    )
+    for measured in result.measurements:
+        i = measured.index + 1
+        posture = " ".join(f"{value:8.4f}" for value in measured.record.posture)
+        error = 100 * (measured.J / measured.J_cad - 1)
+        print(
+            f"{measured.record.id:<8}{f'J_{i}{i}':<7}{posture:<28}{measured.J:>10.5f}{measured.std:>10.2g}{measured.J_cad:>10.5f}"
+            f"{error:>9.3f}{measured.two_mass.chi2_per_dof:>11.3g}{'' if measured.two_mass.explained else '  does not fit'}"
+        )
+    print()
+    print(f"{'constant':<14}{'identified':>12}{'sigma':>10}{'CAD':>12}{'error %':>9}  unit")
+    alpha = document["alpha"]
+    for name, value, std, unit, cad in zip(
+        *(alpha[key] for key in ("names", "value", "std", "unit", "cad")), strict=True
+    ):
+        sigma = "held at CAD" if std is None else f"{std:.2g}"
+        print(f"{name:<14}{value:>12.6f}{sigma:>10}{cad:>12.6f}{100 * (value - cad) / abs(cad or 1.0):>9.3f}  {unit}")
+    print()
+    for note in result.notes[: 3 if brief else None]:
+        print(f"! {note}")
+    print(f"J(q) at 1000 postures never measured, against CAD: {_largest(document)} of the largest entry.")
+    print(
+        f"{'The model explains the records' if result.explained else 'THE MODEL DOES NOT EXPLAIN THE RECORDS'}: {out / 'report.html'}"
+    )
+
+
+def _largest(document: dict[str, Any]) -> str:
+    return f"within {100 * document['inertia_vs_cad']['largest']:.3g} %"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
