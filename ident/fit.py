@@ -1,0 +1,388 @@
+"""A frequency response becomes motor inertia, stiffness and load inertia: the paper's three points, or all lines at
+once.
+
+Equations (n) are those of K. Choi et al., "Identification of Flexible Joint Robot Inertia Matrix Using Frequency
+Response Analysis". (3) is printed without the s^2 of its numerator s^2 + K/J_l; without it there is no anti-resonance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
+from scipy.stats import gamma
+
+from ident.campaign import Array
+from ident.errors import IdentError
+from ident.frf import Complex, Frf
+
+#: The six parameters of a flexible joint: J_m [kg m2], D [N m s/rad] motor side; K [N m/rad], J_l [kg m2],
+#: D_spring [N m s/rad], K_g [N m/rad] (gravity stiffness of the link) joint side.
+PARAMETERS = ("J_m", "K", "J_l", "D", "D_spring", "K_g")
+HOLDS = ("zoh", "band-limited")
+#: A model does not explain its data when chi^2 is larger than in this share of honest repetitions.
+CONFIDENCE = 0.999
+#: A standard deviation above half the value: the data do not tell the parameter.
+UNTOLD = 0.5
+#: Singular values of the Jacobian below this share of the largest are rounding.
+RANK_TOLERANCE = 1e-10
+#: A fit leaves its start by no more than these factors (logarithms): masses and stiffness 400, dampings a million.
+REACH = np.array([6.0, 6.0, 6.0, 14.0, 14.0])
+#: Two decades of damping ratio around this cover gears from good to worn; only a start value.
+START_DAMPING = 0.01
+
+
+@dataclass(frozen=True)
+class ThreePoint:
+    """The paper's reading of one response: f_AR, f_R [Hz] on the measured grid, J_m, K, J_l as in `PARAMETERS`."""
+
+    joint: str
+    f_AR: float
+    f_R: float
+    J_m: float
+    K: float
+    J_l: float
+    status: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class TwoMass:
+    """A flexible joint fitted to one response.
+
+    J_m .. K_g, `std` [6] and `covariance` [6, 6] in the order and units of `PARAMETERS`, from the measured noise alone.
+    `chi2_per_dof` over `dof` degrees of freedom; `explained` when it is below `chi2_limit`. `std_inflated` [6] is `std`
+    times sqrt(chi2_per_dof) when the model does not explain the data, else `std`: a better guess then, not a bound,
+    because model errors are no noise. `f_AR`, `f_R` [Hz] by (4); `inertia_ratio` J_l / (N^2 J_m); `band_ratio` f_AR
+    over the highest line.
+    """
+
+    record: str
+    joint: str
+    J_m: float
+    K: float
+    J_l: float
+    D: float
+    D_spring: float
+    K_g: float
+    std: Array
+    covariance: Array
+    chi2_per_dof: float
+    dof: int
+    chi2_limit: float
+    explained: bool
+    std_inflated: Array
+    f_AR: float
+    f_R: float
+    inertia_ratio: float
+    band_ratio: float
+    status: tuple[str, ...]
+
+    @property
+    def parameters(self) -> Array:
+        """The six parameters [6] in the order of `PARAMETERS`."""
+        return np.array([getattr(self, name) for name in PARAMETERS])
+
+
+def predict(parameters: ArrayLike, frequencies: ArrayLike, N: float, fs: float, hold: str) -> Complex:
+    """Returns theta / tau of a flexible joint [L, rad per N m, motor side].
+
+    `parameters` [6] in the order of `PARAMETERS`, `frequencies` [L, Hz]; `hold` "zoh": exact response of the sampled
+    angle to a torque held for 1/fs; "band-limited": of the continuous angle. Raises IdentError for another hold and
+    for masses or a stiffness that are not positive. Source: (1), (2), with motor and spring damping and K_g.
+    """
+    return _response(_vector(parameters), np.asarray(frequencies, dtype=float), N, fs, hold)[0]
+
+
+def two_mass_frequencies(J_m: float, K: float, J_l: float, N: float) -> tuple[float, float]:
+    """Returns (f_AR, f_R) [Hz] by (4)."""
+    w2 = K / J_l
+    return float(np.sqrt(w2) / (2 * np.pi)), float(np.sqrt(w2 * (1 + J_l / (N**2 * J_m))) / (2 * np.pi))
+
+
+def three_point(frf: Frf, N: float) -> ThreePoint:
+    """Returns J_m, K, J_l by the paper's rule: dip, peak and top of the band of the velocity response |jw G|.
+
+    f_AR and f_R are the lines between which |jw G| rises most; J_m = 1 / (w |jw G|) at the highest line; (5), (6).
+    Biased, because the highest line is no asymptote and the grid is coarse: use `two_mass` to know, this to compare.
+    """
+    f = frf.frequencies
+    velocity = 2 * np.pi * f * np.abs(frf.G)
+    dip, peak = _largest_rise(velocity)
+    J_m = 1.0 / (2 * np.pi * f[-1] * velocity[-1])
+    J_l = (f[peak] ** 2 / f[dip] ** 2 - 1.0) * N**2 * J_m
+    status = []
+    noise = 3.0 * np.sqrt(frf.variance[dip] / np.abs(frf.G[dip]) ** 2 + frf.variance[peak] / np.abs(frf.G[peak]) ** 2)
+    if np.log(velocity[peak] / velocity[dip]) <= noise:
+        status.append(f"record {frf.record}, {frf.joint}: no anti-resonance and resonance stand out of the noise")
+    if peak == len(f) - 1 or dip == 0:
+        status.append(f"record {frf.record}, {frf.joint}: the pair is not inside {f[0]:g} .. {f[-1]:g} Hz")
+    K = 4 * np.pi**2 * f[dip] ** 2 * J_l
+    return ThreePoint(frf.joint, float(f[dip]), float(f[peak]), float(J_m), float(K), float(J_l), tuple(status))
+
+
+def two_mass(frf: Frf, N: float, fs: float, hold: str, start: ArrayLike | None = None) -> TwoMass:
+    """Returns the flexible joint that explains the excited joint's response best: maximum likelihood over all lines.
+
+    `start` [6] replaces the automatic start values. Raises IdentError for less than 6 lines or an unknown hold. What
+    cannot be told from the data is said in `status`. Source: (1)-(6); weighting as in Pintelon & Schoukens, chapter 9.
+    """
+    f, G, sigma = frf.frequencies, frf.G, np.sqrt(frf.variance)
+    if len(f) < len(PARAMETERS):
+        raise IdentError(
+            f"record {frf.record}: {len(f)} excited lines, a flexible joint needs at least {len(PARAMETERS)}"
+        )
+    dof = 2 * len(f) - len(PARAMETERS)
+    limit = chi2_limit(len(f), dof, frf.dof, frf.width)
+    starts = [_vector(start)] if start is not None else _starts(f, G, sigma, N, fs, hold)
+    best, cost, converged = starts[0], np.inf, False
+    for guess in starts:
+        p, c, success = _least_squares(guess, f, G, sigma, N, fs, hold)
+        if c < cost:
+            best, cost, converged = p, c, success
+        if cost / dof <= limit:
+            break
+    _, dH = _response(best, f, N, fs, hold)
+    covariance, condition = _covariance(np.sqrt(2.0) * dH / sigma[:, None], best)
+    std = np.sqrt(np.diag(covariance))
+    explained = bool(cost / dof <= limit)
+    J_m, K, J_l, D, D_spring, K_g = map(float, best)
+    f_AR, f_R = two_mass_frequencies(J_m, K, J_l, N)
+    inflation = 1.0 if explained else np.sqrt(cost / dof)
+    where = f"record {frf.record}, {frf.joint}: "
+    status = _unidentifiable(best, std * inflation, condition, (f_AR, f_R), (float(f[0]), float(f[-1])))
+    if not explained:
+        status.insert(0, f"two masses do not explain the response: chi2/dof {cost / dof:.3g}, limit {limit:.3g}"
+                        f" (std_inflated is std times {inflation:.3g})")  # fmt: skip
+    if not converged:
+        status.insert(0, "the fit did not converge")
+    return TwoMass(
+        frf.record, frf.joint, J_m, K, J_l, D, D_spring, K_g, _readonly(std), _readonly(covariance),
+        float(cost / dof), dof, limit, explained, _readonly(std * inflation), f_AR, f_R, J_l / (N**2 * J_m),
+        f_AR / float(f[-1]), tuple(where + line for line in status),
+    )  # fmt: skip
+
+
+def chi2_limit(lines: int, dof: int, variance_dof: float, width: int, confidence: float = CONFIDENCE) -> float:
+    """Returns the chi^2 per degree of freedom that noise alone exceeds with probability 1 - `confidence`.
+
+    The chi^2 of `lines` complex residuals, `dof` real degrees of freedom, is divided by variances which themselves are
+    estimates with `variance_dof` degrees of freedom shared by `width` neighbouring lines: each line is F(2,
+    variance_dof) distributed. The gamma distribution with the mean and variance of the sum gives the limit
+    (Satterthwaite).
+    """
+    nu = variance_dof
+    u1, u2 = nu / (nu - 2.0), nu**2 / ((nu - 2.0) * (nu - 4.0))  # E u, E u^2 of u = 1 / (chi2_nu / nu)
+    one = 8.0 * u2 - 4.0 * u1**2
+    shared = (width - 1) * 4.0 * (u2 - u1**2)
+    mean, variance = dof * u1, dof / 2.0 * (one + shared)
+    return float(gamma.ppf(confidence, mean**2 / variance, scale=variance / mean) / dof)
+
+
+def _readonly(values: Array) -> Array:
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
+def _vector(parameters: ArrayLike) -> Array:
+    p = np.asarray(parameters, dtype=float)
+    if p.shape != (len(PARAMETERS),) or not np.isfinite(p).all() or min(p[:3]) <= 0:
+        raise IdentError(f"parameters must be {', '.join(PARAMETERS)} with J_m, K, J_l > 0, found {p.tolist()}")
+    return p
+
+
+def _state_space(p: Array, N: float) -> tuple[Array, Array]:
+    """Returns [A B; 0 0] of x = (theta, N q, their rates) [5, 5] and its derivatives by the six parameters [6, 5, 5]:
+    (1), (2).
+    """
+    J_m, K, J_l, D, D_spring, K_g = p
+    m, s = 1.0 / J_m, 1.0 / (J_l / N**2)
+    n2 = N**-2
+    F, dF = np.zeros((5, 5)), np.zeros((6, 5, 5))
+    F[0, 2] = F[1, 3] = 1.0
+    F[2] = m * np.array([-K * n2, K * n2, -D - D_spring * n2, D_spring * n2, 1.0])
+    F[3] = s * n2 * np.array([K, -K - K_g, D_spring, -D_spring, 0.0])
+    dF[0, 2] = -F[2] / J_m
+    dF[1, 2, :2], dF[1, 3, :2] = [-m * n2, m * n2], [s * n2, -s * n2]
+    dF[2, 3] = -F[3] / J_l
+    dF[3, 2, 2] = -m
+    dF[4, 2, 2:4], dF[4, 3, 2:4] = [-m * n2, m * n2], [s * n2, -s * n2]
+    dF[5, 3, 1] = -s * n2
+    return F, dF
+
+
+def _response(p: Array, f: Array, N: float, fs: float, hold: str) -> tuple[Complex, Complex]:
+    """Returns theta / tau [L] and its derivatives by the six parameters [L, 6]."""
+    if hold not in HOLDS:
+        raise IdentError(f"hold must be one of {', '.join(HOLDS)}, found {hold!r}")
+    F, dF = _state_space(p, N)
+    point = 2j * np.pi * f
+    if hold == "zoh":  # exp [F dF; 0 F] holds exp F and its derivative; z - 1 and A_d - 1 keep the low lines exact
+        rates = np.array([1.0, 1.0, 1.0 / fs, 1.0 / fs, 1.0])  # per sample, not per second: a small norm
+        both = np.zeros((6, 10, 10))
+        both[:, :5, :5] = both[:, 5:, 5:] = F * rates[:, None] / rates / fs
+        both[:, :5, 5:] = dF * rates[:, None] / rates / fs
+        both = _expm1(both)
+        F, dF = both[0, :5, :5], both[:, :5, 5:]
+        point = np.expm1(point / fs)
+    inverse = np.linalg.inv(point[:, None, None] * np.eye(4) - F[:4, :4])
+    x = inverse @ F[:4, 4]
+    x1 = np.concatenate([x, np.ones((len(f), 1))], axis=1)
+    return x[:, 0], np.einsum("la,pab,lb->lp", inverse[:, 0], dF[:, :4], x1, optimize=True)
+
+
+def _expm1(A: Array) -> Array:
+    """Returns exp(A) - 1 of matrices [.., m, m], keeping the small entries: Taylor series, then (1 + E)^2 - 1 = 2 E +
+    E^2.
+
+    scipy.linalg.expm loses them next to the 1, and its threads cost ten times the work on a busy machine.
+    """
+    doublings = max(0, int(np.ceil(np.log2(max(np.abs(A).sum(axis=-1).max(), 1e-300)))) + 1)
+    A = A / 2.0**doublings
+    E, term = A, A
+    for k in range(2, 15):  # 0.5^15 / 15! < 1e-16
+        term = term @ A / k
+        E = E + term
+    for _ in range(doublings):
+        E = 2.0 * E + E @ E
+    return E
+
+
+def _least_squares(
+    start: Array, f: Array, G: Complex, sigma: Array, N: float, fs: float, hold: str
+) -> tuple[Array, float, bool]:
+    """Returns (parameters [6], chi^2, converged) near `start`; logarithms keep all but K_g positive."""
+    scale = np.sqrt(2.0) / sigma
+    K = start[1]
+    least = 1e-3 * START_DAMPING * np.sqrt(K * start[2]) * np.array([N**-2, 1.0])
+    x0 = np.concatenate([np.log(start[:3]), np.log(np.maximum(start[3:5], least)), [start[5] / K]])
+
+    def parameters(x: Array) -> Array:
+        return np.append(np.exp(np.clip(x[:5], x0[:5] - REACH, x0[:5] + REACH)), x[5] * K)
+
+    def residual(x: Array) -> Array:
+        r = scale * (_response(parameters(x), f, N, fs, hold)[0] - G)
+        return np.concatenate([r.real, r.imag])
+
+    def jacobian(x: Array) -> Array:
+        p = parameters(x)
+        dr = scale[:, None] * _response(p, f, N, fs, hold)[1] * np.append(p[:5], K)
+        return np.concatenate([dr.real, dr.imag])
+
+    found = least_squares(residual, x0, jac=jacobian, method="lm", xtol=1e-10, ftol=1e-10, gtol=1e-12, max_nfev=60)
+    return parameters(found.x), 2.0 * float(found.cost), bool(found.success)
+
+
+def _starts(f: Array, G: Complex, sigma: Array, N: float, fs: float, hold: str) -> list[Array]:
+    """Returns start values, best first: rational fit, interpolated three points, and a pair above the band."""
+    w, T = 2 * np.pi * f, 1.0 / fs
+    z = np.exp(1j * w * T)
+    free = T**2 * (z + 1) / (2 * (z - 1) ** 2) if hold == "zoh" else -1.0 / w**2  # response of a unit inertia
+    guesses = [
+        _rational_start((1j * w).astype(complex), G / free, sigma / np.abs(free), N),
+        _three_point_start(f, np.abs(G / free), N),
+    ]
+    J_top = float(np.abs(free[-1] / G[-1]))
+    above = (2 * np.pi * 1.5 * f[-1]) ** 2 * J_top / 2 * N**2
+    damping = 2 * START_DAMPING * np.sqrt(above * J_top / 2) * N
+    guesses.append(np.array([J_top / 2, above, J_top / 2 * N**2, J_top * w[0], damping, 0.0]))
+    return [guess for guess in guesses if guess is not None]
+
+
+def _rational_start(s: Complex, H: Complex, sigma: Array, N: float) -> Array | None:
+    """Returns parameters from s^2 (n0 + n1 s + n2 s^2) / (s^4 + d3 s^3 + d2 s^2 + d1 s + d0) = H [L], if possible.
+
+    H = theta / tau over the response of a unit inertia, so that the hold cancels. Linear in the coefficients, no local
+    minima: iterated linear least squares, C. Sanathanan, J. Koerner, IEEE TAC 8 (1963), DOI 10.1109/TAC.1963.1105517.
+    """
+    unit = np.abs(s[-1])
+    x = s / unit
+    lead = x**4
+    columns = np.stack([x**2, x**3, lead, -H, -H * x, -H * x**2, -H * x**3], axis=1)
+    weight, best, coefficients = 1.0 / (sigma * np.abs(lead)), np.inf, np.zeros(7)
+    for _ in range(20):
+        A, b = columns * weight[:, None], H * lead * weight
+        A, b = np.concatenate([A.real, A.imag]), np.concatenate([b.real, b.imag])
+        size = np.linalg.norm(A, axis=0)
+        c = np.linalg.lstsq(A / size, b, rcond=None)[0] / size
+        denominator = lead + np.stack([x**k for k in range(4)], axis=1) @ c[3:]
+        cost = np.sum(np.abs((H - columns[:, :3] @ c[:3] / denominator) / sigma) ** 2)
+        if cost < best:
+            best, coefficients = cost, c
+        weight = 1.0 / (sigma * np.abs(denominator))
+    n0, n1, n2, d0, _, d2, d3 = coefficients * unit ** np.array([2.0, 1, 0, 4, 3, 2, 1])
+    if n2 == 0.0:
+        return None
+    J_m, w_z2 = 1.0 / n2, n0 / n2  # w_z2 = (K + K_g) / J_l
+    k = (d2 - w_z2) * J_m  # K / N^2, damping products left out
+    if J_m <= 0.0 or k <= 0.0 or w_z2 <= d0 * J_m / k:
+        return None
+    J_l = k / (w_z2 - d0 * J_m / k)
+    c = n1 / n2 * J_l
+    D = J_m * d3 - c * (1.0 + J_m / J_l)
+    return np.array([J_m, k * N**2, J_l * N**2, D, c * N**2, d0 * J_m / k * J_l * N**2])
+
+
+def _three_point_start(f: Array, size: Array, N: float) -> Array | None:
+    """Returns parameters from interpolated dip and peak of |H| [L] and the exact high-frequency factor (findings 1), or
+    None.
+    """
+    dip, peak = _largest_rise(size)
+    f_AR, f_R = _vertex(f, np.log(size), dip), _vertex(f, np.log(size), peak)
+    if not f_AR < f_R < f[-1]:
+        return None
+    top = f[-1] ** 2
+    J_m = (1.0 - f_AR**2 / top) / (1.0 - f_R**2 / top) / size[-1]
+    J_l = (f_R**2 / f_AR**2 - 1.0) * N**2 * J_m
+    K = 4 * np.pi**2 * f_AR**2 * J_l
+    return np.array([J_m, K, J_l, J_m * 2 * np.pi * f[0], 2 * START_DAMPING * np.sqrt(K * J_l), 0.0])
+
+
+def _largest_rise(size: Array) -> tuple[int, int]:
+    """Returns (dip, peak): the indices i < j with the largest ratio size[j] / size[i]."""
+    logarithm = np.log(size)
+    lowest = np.minimum.accumulate(logarithm)
+    peak = int(np.argmax(logarithm - lowest))
+    return int(np.argmin(logarithm[: peak + 1])), peak
+
+
+def _vertex(f: Array, y: Array, i: int) -> float:
+    """Returns the frequency of the extremum of the parabola through y around index i; f[i] at the ends of the band."""
+    if not 0 < i < len(f) - 1:
+        return float(f[i])
+    a, b, _ = np.polyfit(f[i - 1 : i + 2] - f[i], y[i - 1 : i + 2], 2)
+    return float(f[i] + np.clip(-b / (2 * a) if a else 0.0, f[i - 1] - f[i], f[i + 1] - f[i]))
+
+
+def _covariance(J: NDArray[np.complex128], p: Array) -> tuple[Array, float]:
+    """Returns the covariance [6, 6] of `p` from the Jacobian J [L, 6] of unit-variance residuals, and J's condition.
+
+    Both per relative change; directions without information get a huge, finite variance.
+    """
+    scale = np.append(p[:5], p[1])
+    scaled = np.concatenate([J.real, J.imag]) * scale
+    _, singular, V = np.linalg.svd(scaled, full_matrices=False)
+    lifted = np.maximum(singular, singular[0] * RANK_TOLERANCE)
+    root = V.T / lifted * scale[:, None]
+    return root @ root.T, float(singular[0] / lifted[-1])
+
+
+def _unidentifiable(p: Array, std: Array, condition: float, pair: Sequence[float], band: Sequence[float]) -> list[str]:
+    """Returns what the data do not tell, with numbers and the way out."""
+    lines = []
+    (f_AR, f_R), (low, high) = pair, band
+    if f_AR > high:
+        lines.append(f"f_AR {f_AR:.4g} Hz above the band, {high:g} Hz: widen the band or give a prior on K")
+    elif f_AR < low:
+        lines.append(f"f_AR {f_AR:.4g} Hz below the band, {low:g} Hz: widen the band")
+    elif f_R > high:
+        lines.append(f"f_R {f_R:.4g} Hz above the band, {high:g} Hz: J_m rests on the shape below it")
+    if condition >= 1.0 / RANK_TOLERANCE:
+        lines.append(f"the response does not tell all parameters apart: condition {condition:.1g} or more")
+    for k in range(3):
+        if std[k] > UNTOLD * p[k]:
+            lines.append(f"{PARAMETERS[k]} not identifiable: {p[k]:.3g} with standard deviation {std[k]:.2g}")
+    return lines

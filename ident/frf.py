@@ -1,0 +1,365 @@
+"""A record becomes a frequency response: settled periods, mean spectra, and how far they can be trusted.
+
+Everything is angle against torque, motor side, at the excited lines of a periodic excitation. Noise and leakage are
+read between the lines of the spectrum over all kept periods, where a periodic response has nothing (the local
+polynomial method for periodic excitation: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain
+Approach, 2nd ed., Wiley 2012, sections 7.3 and 10.3; DOI 10.1016/j.ymssp.2009.08.010): errors in variables, so that
+feedback does not bias anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.campaign import Array, Campaign, Record
+from ident.errors import CampaignError
+
+Complex = NDArray[np.complex128]
+
+#: Bins between the lines from which leakage and noise of one line are read, and the coefficients of its polynomial.
+BINS, ORDER = 10, 3
+#: Degrees of freedom wanted for a variance: an estimate then scatters by sqrt(2/60) = 18 %.
+DOF_WANTED = 60
+#: Probability of calling settled noise a transient, over all tests on one record.
+FALSE_ALARM = 1e-3
+#: Lines judged together when a transient is looked for; it is also looked for in all lines at once.
+GROUP = 30
+#: A mean posture further than this from the declared one, rad or m, is reported: J(q) may be off by about 2 %.
+POSTURE_TOLERANCE = 0.02
+#: A mean that moves by more than this over the kept periods, rad or m, is reported: J(q) is constant to 0.5 % only.
+DRIFT_TOLERANCE = 5e-3
+#: Spectra carry rounding errors of about 1e-16 of the largest line; nothing is trusted beyond this.
+ROUNDING = 1e-13
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What the joints did at the lines of the band that were not excited: the nonlinear distortion, and noise.
+
+    `lines` [D], `frequencies` [D, Hz], `odd` [D]; `level` [D, n] |theta| relative to the excited lines around it of the
+    same joint, `noise` [D, n] its standard deviation. Feedback acts at these lines too.
+    """
+
+    lines: NDArray[np.int64]
+    frequencies: Array
+    odd: NDArray[np.bool_]
+    level: Array
+    noise: Array
+
+    def distortion(self, odd: bool, low: float = 0.0, high: float = np.inf) -> Array:
+        """Returns the rms level [n] of the odd or even lines in [low, high] Hz with the noise power taken off.
+
+        Zero for a joint whose level does not stand out of its noise by three standard deviations.
+        """
+        chosen = (self.odd == odd) & (self.frequencies >= low) & (self.frequencies <= high)
+        if not chosen.any():
+            return np.zeros(self.level.shape[1])
+        noise = self.noise[chosen] ** 2
+        power = np.mean(self.level[chosen] ** 2 - noise, axis=0)
+        scatter = np.sqrt(np.sum(noise**2, axis=0)) / chosen.sum()
+        return np.where(power > 3.0 * scatter, np.sqrt(np.maximum(power, 0.0)), 0.0)
+
+
+@dataclass(frozen=True)
+class Frf:
+    """One record as spectra at the excited lines; amplitudes are peak values, rad and N m, motor side.
+
+    `tau`, `theta` [L, n] are the spectra of all joints over the kept periods, leakage taken off. `noise` [R, L, 2n] are
+    R independent samples of the error of (tau, theta) at every line: E noise noise^H is its covariance. `variance` [L]
+    is E|dG|^2, smoothed over `width` lines to `dof` degrees of freedom, never below the quantisation floor. `first` is
+    the first settled period of the record, `periods` the number kept, `floor` [n, rad^2] the quantisation variance of a
+    line of theta, `step` [n, rad] the encoder step found in the data, `drift` [n, rad] how far each joint's mean moved
+    from the first to the last kept period, `offset` [n, rad] mean link posture minus declared one (drift and offset
+    joint side; m for prismatic joints). `status` is empty when all is well.
+    """
+
+    record: str
+    joint: str
+    index: int
+    posture: Array
+    frequencies: Array
+    tau: Complex
+    theta: Complex
+    noise: Complex
+    variance: Array
+    dof: float
+    width: int
+    first: int
+    periods: int
+    step: Array
+    floor: Array
+    detection: Detection
+    drift: Array
+    offset: Array
+    status: tuple[str, ...]
+
+    @property
+    def n(self) -> int:
+        return int(self.tau.shape[1])
+
+    @cached_property
+    def H(self) -> Complex:
+        """theta_k of all joints over the torque of the excited one [L, n], rad per N m."""
+        return np.asarray(self.theta / self.tau[:, [self.index]])
+
+    @property
+    def G(self) -> Complex:
+        """theta / tau of the excited joint [L], rad per N m."""
+        return np.asarray(self.H[:, self.index])
+
+    def covariance(self) -> Complex:
+        """Returns the noise covariance of (tau, theta) of all joints [L, 2n, 2n], smoothed over `width` lines.
+
+        Angles never below the quantisation floor. Next to a sharp resonance the smoothing mixes lines of different
+        gain; who has a model should form its equation error from `noise` line by line instead (as `variance` does).
+        """
+        raw = np.einsum("rla,rlb->lab", self.noise, self.noise.conj()) / len(self.noise)
+        matrix = moving_average(raw, self.width)
+        angles = np.arange(self.n, 2 * self.n)
+        matrix[:, angles, angles] = np.maximum(matrix[:, angles, angles].real, self.floor)
+        return matrix
+
+
+def _fixed(values: NDArray[np.complex128]) -> Complex:
+    array = np.ascontiguousarray(values)
+    array.setflags(write=False)
+    return array
+
+
+def estimate(record: Record, campaign: Campaign) -> Frf:
+    """Returns the frequency response of the excited joint with its variance, from the settled periods of `record`.
+
+    Only fs, joint names, N and K of the campaign are used (K, where known, to take the spring's static deflection off
+    the mean posture). Raises CampaignError for a record with less than 2 periods or that contradicts itself.
+    """
+    joint = _check(record, campaign)
+    P, S, n = record.periods, record.samples_per_period, campaign.n
+    lines, band = np.asarray(record.lines), np.arange(record.lines[0], record.lines[-1] + 1)
+    step = _encoder_step(record.theta)
+    first, settled = _settle(record, band, step**2 / (3.0 * S))
+    M = P - first
+    kept = np.concatenate([record.tau[first * S :], record.theta[first * S :]], axis=1)
+    mean, noise = _between_lines(kept, M, band)
+    excited = np.isin(band, lines)
+    tau, theta = _fixed(mean[excited, :n]), _fixed(mean[excited, n:])
+    silent = lines[np.abs(tau[:, joint]) <= ROUNDING * np.abs(tau[:, joint]).max()]
+    if silent.size:
+        raise CampaignError(
+            f"record {record.id}: line {silent[0]} is listed as excited, but {record.excited} has no torque there"
+        )
+    periods = kept.reshape(M, S, 2 * n)
+    floor = _quantisation(step, periods[:, :, n:])
+    spacing = int(np.median(np.diff(lines))) if len(lines) > 1 else 1
+    width, dof = _averaging(len(lines), spacing * (M - 1))
+    variance = _variance(
+        tau[:, joint], theta[:, joint], noise[:, excited][:, :, [joint, n + joint]], width, floor[joint]
+    )
+
+    rest = periods.mean(axis=1)
+    drift = (rest[-1] - rest[0])[n:] / campaign.N
+    deflection = np.where(np.isfinite(campaign.K), campaign.N * rest.mean(axis=0)[:n] / campaign.K, 0.0)
+    offset = rest.mean(axis=0)[n:] / campaign.N - deflection - record.posture
+    status = [] if settled else [_unsettled(record, first)]
+    status += _posture_status(record, campaign, drift, offset)
+    detection = _detect(band, excited, mean[:, n:], noise[:, :, n:], record)
+    return Frf(
+        record.id, record.excited, joint, record.posture, _hertz(lines, record), tau, theta, _fixed(noise[:, excited]),
+        variance, dof, width, first, M, step, floor, detection, drift, offset, tuple(status),
+    )  # fmt: skip
+
+
+def _hertz(lines: NDArray[np.int64], record: Record) -> Array:
+    return np.asarray(lines * record.f0, dtype=float)
+
+
+def _unsettled(record: Record, first: int) -> str:
+    P = record.periods
+    found = f"{P} periods are too few to tell" if P < 3 else f"it still changes after {first} of {P} periods"
+    return f"record {record.id}: the response may not have settled: {found}; the last {P - first} are used, record more"
+
+
+def _check(record: Record, campaign: Campaign) -> int:
+    """Returns the index of the excited joint; raises CampaignError where the record contradicts itself or its robot."""
+    P, S, n = record.periods, record.samples_per_period, campaign.n
+    if record.excited not in campaign.joints:
+        raise CampaignError(
+            f"record {record.id}: excited joint {record.excited!r} is none of {', '.join(campaign.joints)}"
+        )
+    if P < 2:
+        raise CampaignError(
+            f"record {record.id}: {P} period recorded, at least 2 are needed to tell noise from response"
+        )
+    for name, array in (("tau", record.tau), ("theta", record.theta)):
+        if array.shape != (P * S, n):
+            raise CampaignError(
+                f"record {record.id}: {name} has shape {array.shape}, expected {(P * S, n)}:"
+                " periods * samples_per_period, joints"
+            )
+        if not np.isfinite(array).all():
+            raise CampaignError(f"record {record.id}: {name} holds a non-finite sample")
+    if S < 2 * BINS + 2:
+        raise CampaignError(f"record {record.id}: {S} samples per period, at least {2 * BINS + 2} are needed")
+    lines = record.lines
+    if lines.size == 0 or lines[0] < 1 or lines[-1] >= S / 2 or np.any(np.diff(lines) <= 0):
+        raise CampaignError(
+            f"record {record.id}: lines must increase within 1 .. {(S - 1) // 2}, found {lines.tolist()[:5]} .."
+        )
+    return campaign.joints.index(record.excited)
+
+
+def _encoder_step(theta: Array) -> Array:
+    """Returns the smallest change between two samples [n, rad]: the encoder's step, or next to nothing."""
+    change = np.abs(np.diff(theta, axis=0))
+    change[change == 0.0] = np.inf
+    smallest = change.min(axis=0)
+    return np.where(np.isfinite(smallest), smallest, 0.0)
+
+
+def _settle(record: Record, band: NDArray[np.int64], floor: Array) -> tuple[int, bool]:
+    """Returns the first settled period and whether that could be tested and was passed, from the angles of all joints.
+
+    Going backwards, a period joins the settled ones as long as (a) it differs from their mean, and (b) the enlarged set
+    shows a trend, by no more than the noise, which is what remains of the set without these contrasts. Per line the
+    ratio of powers is F(2, 2k) distributed, so that k log(1 + |contrast|^2 / rest) is exponential whatever the line's
+    own noise level. The mean over lines is compared with the exponential distribution, as if it were one line: slow
+    noise leaks into all lines alike. `floor` [n] is the quantisation variance of one line of one period.
+    """
+    P, S = record.periods, record.samples_per_period
+    angles = (record.theta - record.theta[0]).reshape(P, S, -1)
+    theta = np.fft.rfft(angles, axis=1)[:, band] * (2.0 / S)
+    groups = max(len(band) // GROUP, 1)
+    threshold = 1.0 - np.log(FALSE_ALARM / (2 * P * (groups + 1) * angles.shape[2]))
+    negligible = (ROUNDING * np.abs(theta).max(axis=(0, 1))) ** 2
+    for start in range(P - 3, -1, -1):
+        X = theta[start:]
+        m, k = P - start, P - start - 2
+        ahead = np.r_[-1.0, np.full(m - 1, 1.0 / (m - 1))]
+        trend = np.arange(m) - (m - 1) / 2.0
+        for contrast in (ahead, trend):
+            power = np.abs(np.einsum("m,mfn->fn", contrast / np.linalg.norm(contrast), X)) ** 2
+            rest = np.sum(np.abs(X - X.mean(axis=0)) ** 2, axis=0) - power
+            noise = np.maximum(rest, k * floor + negligible)
+            evidence = k * np.log1p(np.divide(power, noise, out=np.zeros_like(power), where=noise > 0.0))
+            judged = [evidence, *np.array_split(evidence, groups)]
+            if max(part.mean(axis=0).max() for part in judged) > threshold:
+                return start + 1, start < P - 3
+    return 0, P > 2
+
+
+def _between_lines(kept: Array, M: int, band: NDArray[np.int64]) -> tuple[Complex, Complex]:
+    """Returns the spectrum of `kept` [M S, c] at the lines `band` [F] with leakage taken off [F, c], and its errors [R,
+    F, c].
+
+    Over M periods, line k is bin k M; the bins between lines hold noise and the leakage of whatever differs between the
+    two ends of the record. A parabola through the nearest BINS of them (line bins left out, excited or not) is the
+    leakage at the line; what it leaves, rotated to R = BINS - ORDER independent samples and scaled by the
+    interpolation's own variance, is the error.
+    """
+    spectrum = np.fft.rfft(kept - kept[0], axis=0) * (2.0 / len(kept))
+    between = np.arange(1, len(spectrum))
+    between = between[between % M != 0]
+    first = np.clip(np.searchsorted(between, band * M) - BINS // 2, 0, len(between) - BINS)
+    bins = between[first[:, None] + np.arange(BINS)]
+    offsets = bins - (band * M)[:, None]
+    mean = spectrum[band * M]
+    errors = np.empty((BINS - ORDER, *mean.shape), dtype=complex)
+    patterns, member = np.unique(offsets, axis=0, return_inverse=True)
+    for p, pattern in enumerate(patterns):
+        at = np.flatnonzero(member == p)
+        Q, R = np.linalg.qr((pattern[:, None] / np.abs(pattern).max()) ** np.arange(ORDER), mode="complete")
+        at_line = Q[:, :ORDER] @ np.linalg.inv(R[:ORDER]).T[:, 0]
+        window = spectrum[bins[at]]
+        mean[at] -= np.einsum("b,fbc->fc", at_line, window)
+        errors[:, at] = np.einsum("br,fbc->rfc", Q[:, ORDER:], window) * np.sqrt(1.0 + at_line @ at_line)
+    return mean, errors
+
+
+def _averaging(L: int, bins_per_line: int) -> tuple[int, float]:
+    """Returns over how many of L lines a variance is averaged, and the degrees of freedom (a bin counts once)."""
+    width = 1 + int(np.ceil((DOF_WANTED / 2.0 / (BINS - ORDER) - 1.0) * BINS / min(BINS, bins_per_line)))
+    width = min(max(width, 1), L)
+    return width, 2.0 * (BINS - ORDER) * (1.0 + (width - 1) * min(BINS, bins_per_line) / BINS)
+
+
+def _quantisation(step: Array, angles: Array) -> Array:
+    """Returns the quantisation variance [n, rad^2] of a line of the mean of `angles` [M, S, n]: step^2/12 over the DFT.
+
+    E|X|^2 = 4/S * step^2/12 in peak amplitudes. Averaging over periods helps only when noise moves the angle across
+    encoder steps from one period to the next; otherwise the error repeats in every period.
+    """
+    M, S, _ = angles.shape
+    moved = np.sqrt(np.mean(np.var(angles, axis=0, ddof=1), axis=0))
+    return np.where(moved > step, 1.0 / M, 1.0) * step**2 / (3.0 * S)
+
+
+def moving_average(values: NDArray[Any], width: int) -> NDArray[Any]:
+    """Returns the mean of `values` [L, ..] over `width` neighbouring lines, at the ends over the nearest `width`."""
+    L = len(values)
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    start = np.clip(np.arange(L) - width // 2, 0, L - width)
+    return (total[start + width] - total[start]) / width
+
+
+def _variance(tau: Complex, theta: Complex, noise: Complex, width: int, floor: float) -> Array:
+    """Returns the variance of theta / tau [L] from error samples `noise` [R, L, 2] of (tau, theta).
+
+    The equation error e = dtheta - G dtau leaves feedback out: it is G times the torque noise plus the encoder noise.
+    Its power is therefore scaled by a |G|^2 + b (a, b >= 0, maximum likelihood) before it is smoothed over `width`
+    lines: a resonance narrower than the window would otherwise be smeared.
+    """
+    G = theta / tau
+    power = np.mean(np.abs(noise[:, :, 1] - G * noise[:, :, 0]) ** 2, axis=0)
+    power = np.maximum(power, (ROUNDING * np.abs(theta)) ** 2)
+    shape = _noise_shape(power, np.abs(G) ** 2)
+    variance = np.maximum(shape * moving_average(power / shape, width), floor) / np.abs(tau) ** 2
+    variance.setflags(write=False)
+    return np.asarray(variance)
+
+
+def _noise_shape(power: Array, gain: Array) -> Array:
+    """Returns a * gain + b [L] that fits the noise power [L] best, a, b >= 0.
+
+    Itakura-Saito divergence (the likelihood of a periodogram), multiplicative updates: C. Fevotte et al., Neural Computation 21 (2009), DOI
+    10.1162/neco.2008.04-08-771.
+    """
+    parts = np.stack([gain / gain.mean(), np.ones_like(gain)])
+    weight = np.full(2, power.mean() / 2.0)
+    for _ in range(60):
+        shape = weight @ parts
+        weight = weight * np.sqrt((parts @ (power / shape**2)) / (parts @ (1.0 / shape)))
+    return np.asarray(np.maximum(weight @ parts, np.finfo(float).tiny))
+
+
+def _detect(
+    band: NDArray[np.int64], excited: NDArray[np.bool_], theta: Complex, noise: Complex, record: Record
+) -> Detection:
+    """Returns the levels at the lines of `band` [F] that are not `excited` [F], from `theta` [F, n] and its errors [R,
+    F, n].
+    """
+    silent, size = ~excited, np.abs(theta)
+    lines, tiny = band[silent], np.finfo(float).tiny
+    around = np.stack([np.exp(np.interp(lines, band[excited], np.log(x[excited] + tiny))) for x in size.T], axis=1)
+    around[around <= 2.0 * tiny] = np.inf
+    deviation = np.sqrt(np.mean(np.abs(noise[:, silent]) ** 2, axis=0))
+    return Detection(lines, _hertz(lines, record), lines % 2 == 1, size[silent] / around, deviation / around)
+
+
+def _posture_status(record: Record, campaign: Campaign, drift: Array, offset: Array) -> list[str]:
+    """Returns a line for every joint whose mean drifts or lies away from the declared posture."""
+    found = []
+    for k, name in enumerate(campaign.joints):
+        if abs(drift[k]) > DRIFT_TOLERANCE:
+            found.append(
+                f"record {record.id}: the mean of {name} drifts by {drift[k]:.2g}, allowed {DRIFT_TOLERANCE:g}"
+            )
+        if abs(offset[k]) > POSTURE_TOLERANCE:
+            found.append(
+                f"record {record.id}: {name} rests {offset[k]:+.3g} from its declared posture,"
+                f" allowed {POSTURE_TOLERANCE:g}: it may have fallen to another equilibrium"
+            )
+    return found
