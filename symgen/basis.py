@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symgen.chain import PARAMETERS, Array, Chain, readonly
-from symgen.inertia import Entry, derive, parameter_scale
+from symgen.errors import SymgenError
+from symgen.inertia import DIGIT_DEGREE, Entry, derive, parameter_scale
+from symgen.kinematics import phi_rows
 
 #: A row is new when its part outside the span of the known ones is larger than this, relative to the row. The singular
 #: values kept and dropped differ by more than ten decades on every arm tried; the gap is reported.
@@ -94,7 +96,7 @@ _ORDER = np.array([0, 2, 1, 4, 3])
 
 def degrees(entry: Entry) -> NDArray[np.int64]:
     """Returns the degree of each monomial [M] of an entry."""
-    table = np.array([[0, 1, 1, 2, 2] if turning else [0, 1, 2, 0, 0] for turning in entry.turning]).reshape(-1, 5)
+    table = np.array([(*DIGIT_DEGREE[turning], 0, 0)[:5] for turning in entry.turning]).reshape(-1, 5)
     total: NDArray[np.int64] = table[np.arange(len(table)), entry.digits].sum(axis=1)
     return total
 
@@ -205,8 +207,11 @@ def factor(chain: Chain, *, believe_zeros: bool = False) -> Factoring:
     W = np.array([alpha.row for alpha in alphas])
     to_alpha = scale[:, None] * np.linalg.pinv(W * scale)
     stacked = np.concatenate([entries[pair].A for pair in diagonal]) * scale
-    d_check, values = _rank(stacked)
-    assert d_check == d, "pivots and singular values disagree on the rank"
+    rank, values = _rank(stacked)
+    if rank != d or any(_outside(chain, entry, W * scale, scale) for entry in entries.values() if not entry.complete):
+        raise SymgenError(
+            f"{chain.name}: the constants found do not span J(q) (rank {rank}, {d} found): please report this robot"
+        )
     return Factoring(
         chain=chain,
         entries=entries,
@@ -220,6 +225,15 @@ def factor(chain: Chain, *, believe_zeros: bool = False) -> Factoring:
         believed=tuple(f"{PARAMETERS[p % 10]} of {chain.joints[p // 10].link}" for p in np.flatnonzero(zero)),
         free=~zero,
     )
+
+
+def _outside(chain: Chain, entry: Entry, W: Array, scale: Array) -> bool:
+    """Whether an entry that is not written out in full has rows outside the span of the constants, at random postures."""
+    low, high = chain.limits.T
+    q = low + (high - low) * np.random.default_rng(0).random((4 * chain.n, chain.n))
+    rows = phi_rows(chain, q, entry.i, entry.j) * scale
+    basis = np.linalg.qr(W.T)[0]
+    return bool(np.linalg.norm(rows - rows @ basis @ basis.T) > RANK_TOLERANCE * np.linalg.norm(rows))
 
 
 def _without(entry: Entry, zero: NDArray[np.bool_]) -> Entry:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symgen.chain import REVOLUTE, Array, Chain, skew
+from symgen.kinematics import MOMENTS, energy_row, motion
 
 #: Angle (or slide) of one digit: the joints whose values are summed, with their signs.
 Angle = tuple[tuple[int, int], ...]
@@ -24,10 +25,13 @@ Angle = tuple[tuple[int, int], ...]
 #: Entries below this, relative to the arm's own length scale, are rounding of an exact zero.
 ZERO = 1e-13
 
+#: Entries with more monomials than this are not written out: only those up to `LOW_DEGREE` are, which span the same
+#: constants (`basis.factor` checks it). A general arm of 8 joints has 78125 in J_11.
+MOST_MONOMIALS = 20_000
+LOW_DEGREE = 3
+
 #: A run of parallel axes is accepted when the axes differ by less than this (they are snapped before).
 PARALLEL = 1e-12
-
-_PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Lxx, Lxy, Lyy, Lxz, Lyz, Lzz
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,7 @@ class Entry:
 
     `digits` [M, p] says which function of each of the p `angles` a monomial uses: 0..4 for 1, c, s, c^2, c s of a turning
     joint, 0..2 for 1, q, q^2 of a sliding one. `A` [M, 10 n] multiplies the parameters of all bodies; its unit is that of
-    J_ij per parameter. Joints are counted from 0.
+    J_ij per parameter. Joints are counted from 0. Not `complete`: too many monomials, the higher degrees are left out.
     """
 
     i: int
@@ -45,6 +49,7 @@ class Entry:
     turning: tuple[bool, ...]
     digits: NDArray[np.int8]
     A: Array
+    complete: bool = True
 
 
 def length_scale(chain: Chain) -> float:
@@ -62,8 +67,8 @@ def parameter_scale(chain: Chain) -> Array:
 def _turn(M1: Array, M2: Array) -> Array:
     """The 6x6 map L -> (M1 L M2' + M2 L M1') / 2 on the six entries of a symmetric L."""
     out = np.zeros((6, 6))
-    for row, (a, b) in enumerate(_PAIRS):
-        for column, (c, d) in enumerate(_PAIRS):
+    for row, (a, b) in enumerate(MOMENTS):
+        for column, (c, d) in enumerate(MOMENTS):
             value = M1[a, c] * M2[b, d] + M2[a, c] * M1[b, d]
             if c != d:
                 value += M1[a, d] * M2[b, c] + M2[a, d] * M1[b, c]
@@ -74,7 +79,7 @@ def _turn(M1: Array, M2: Array) -> Array:
 def _lever(p: Array) -> Array:
     """The 6x3 map h -> L of a shift by p: 2 p.h 1 - p h' - h p'."""
     out = np.zeros((6, 3))
-    for row, (x, y) in enumerate(_PAIRS):
+    for row, (x, y) in enumerate(MOMENTS):
         out[row, y] -= p[x]
         out[row, x] -= p[y]
         if x == y:
@@ -84,7 +89,7 @@ def _lever(p: Array) -> Array:
 
 def _square(a: Array, b: Array) -> Array:
     """The bilinear map m -> L [6] of a shift: (a.b) 1 - (a b' + b a') / 2."""
-    return np.array([(x == y) * (a @ b) - (a[x] * b[y] + a[y] * b[x]) / 2 for x, y in _PAIRS])
+    return np.array([(x == y) * (a @ b) - (a[x] * b[y] + a[y] * b[x]) / 2 for x, y in MOMENTS])
 
 
 class _Body:
@@ -177,19 +182,6 @@ class _Twist:
         return [np.eye(6), _Twist.shift(axis) - np.eye(6)]
 
 
-def energy_row(v: Array, w: Array) -> Array:
-    """Returns the row [.., 10] with v' M w = row . phi for twists v, w [.., 6] of one body (omega, u at its frame's origin)."""
-    v_omega, v_u, w_omega, w_u = v[..., :3], v[..., 3:], w[..., :3], w[..., 3:]
-    row = np.zeros((*np.broadcast_shapes(v.shape, w.shape)[:-1], 10))
-    row[..., 0] = (v_u * w_u).sum(axis=-1)
-    row[..., 1:4] = np.cross(v_u, w_omega) + np.cross(w_u, v_omega)
-    for column, (x, y) in enumerate(_PAIRS):
-        row[..., 4 + column] = v_omega[..., x] * w_omega[..., y]
-        if x != y:
-            row[..., 4 + column] += v_omega[..., y] * w_omega[..., x]
-    return row
-
-
 def _runs(chain: Chain, first: int) -> Iterator[list[int]]:
     """Yields the joints first.. in runs of consecutive turning joints with parallel axes."""
     run: list[int] = []
@@ -226,51 +218,74 @@ def angles(chain: Chain, first: int) -> tuple[Angle, ...]:
     return tuple(out)
 
 
-class _Walk:
-    """Rows over monomials on their way from one frame to the next: keys [M] (base-5 digits), rows [M, 6 or 10]."""
+class _TooMany(Exception):
+    """More than `MOST_MONOMIALS` on the way."""
 
-    def __init__(self, row: Array, floor: Array, wanted: NDArray[np.int64] | None):
+
+#: Degree of each digit in the cosines, sines and slides.
+DIGIT_DEGREE = {True: (0, 1, 1, 2, 2), False: (0, 1, 2)}
+
+
+class _Walk:
+    """Rows over monomials on their way from one frame to the next: keys [M] (base-5 digits), rows [M, 6 or 10].
+
+    Only the `wanted` keys are followed, or only monomials up to `most_degree`, where given.
+    """
+
+    def __init__(self, row: Array, floor: Array, wanted: NDArray[np.int64] | None, most_degree: int | None):
         self.keys = np.zeros(1, dtype=np.int64)
+        self.degree = np.zeros(1, dtype=np.int64)
         self.rows = row[None, :]
         self.floor = floor
         self.wanted = wanted
+        self.most_degree = most_degree
 
     def constant(self, T: Array) -> None:
         self.rows = self.rows @ T
 
-    def times(self, maps: list[Array], position: int) -> tuple[NDArray[np.int64], Array]:
-        """Keys and rows after one more joint, zero rows and rows nobody wants left out."""
+    def branch(self, maps: list[Array], position: int, turning: bool) -> _Walk:
+        """The walk one joint further, zero rows and rows nobody wants left out. Raises _TooMany."""
         rows = np.concatenate([self.rows @ T for T in maps])
         keys = np.concatenate([self.keys + f * 5**position for f in range(len(maps))])
+        degree = np.concatenate([self.degree + DIGIT_DEGREE[turning][f] for f in range(len(maps))])
         rows[np.abs(rows) < (self.floor if rows.shape[1] == 10 else ZERO)] = 0.0
         kept = rows.any(axis=1)
         if self.wanted is not None:
             kept &= np.isin(keys, self.wanted % 5 ** (position + 1))
-        return keys[kept], rows[kept]
+        if self.most_degree is not None:
+            kept &= degree <= self.most_degree
+        if kept.sum() > MOST_MONOMIALS:
+            raise _TooMany
+        other = _Walk(rows, self.floor, self.wanted, self.most_degree)
+        other.keys, other.degree, other.rows = keys[kept], degree[kept], rows[kept]
+        return other
 
-    def step(self, maps: list[Array], position: int) -> None:
-        self.keys, self.rows = self.times(maps, position)
-
-
-def motion(chain: Chain, k: int) -> Array:
-    """Returns the unit twist [6] (omega, u) of joint k in its link frame."""
-    joint = chain.joints[k]
-    zero = np.zeros(3)
-    return np.concatenate([joint.axis, zero] if joint.type == REVOLUTE else [zero, joint.axis])
+    def step(self, maps: list[Array], position: int, turning: bool) -> None:
+        other = self.branch(maps, position, turning)
+        self.keys, self.degree, self.rows = other.keys, other.degree, other.rows
 
 
 def derive(chain: Chain, i: int, j: int, wanted: NDArray[np.int8] | None = None) -> Entry:
     """Returns J_ij(q) (joints counted from 0, i <= j) as monomials times inertial parameters; eqs. (13)-(16) for any arm.
 
-    `wanted` [W, p] limits the work to those monomials (digits as in `Entry`).
+    `wanted` [W, p] limits the work to those monomials (digits as in `Entry`). An entry of more than `MOST_MONOMIALS` comes
+    back with those up to `LOW_DEGREE` only, and `complete` False.
     """
+    try:
+        return _derive(chain, i, j, wanted, None)
+    except _TooMany:
+        return _derive(chain, i, j, wanted, LOW_DEGREE)
+
+
+def _derive(chain: Chain, i: int, j: int, wanted: NDArray[np.int8] | None, most_degree: int | None) -> Entry:
     n, first = chain.n, i + 1
     base5 = 5 ** np.arange(n - first, dtype=np.int64)
-    length = length_scale(chain)
-    floor = ZERO * np.array([max(length, 1.0) ** 2, *[max(length, 1.0)] * 3, *[1.0] * 6])
+    length = max(length_scale(chain), 1.0)
+    floor = ZERO * np.array([length**2, *[length] * 3, *[1.0] * 6])
     parts: list[tuple[int, NDArray[np.int64], Array]] = []
     start = motion(chain, i)
-    walk = _Walk(energy_row(start, start) if i == j else start, floor, None if wanted is None else wanted @ base5)
+    row = energy_row(start, start) if i == j else start
+    walk = _Walk(row, floor, None if wanted is None else wanted @ base5, most_degree)
     if i == j:
         parts.append((i, walk.keys, walk.rows))
     for run in _runs(chain, first):
@@ -282,22 +297,26 @@ def derive(chain: Chain, i: int, j: int, wanted: NDArray[np.int8] | None = None)
             walk.constant(maps.rotation(joint.R))
             if k == j:
                 walk.rows, maps = energy_row(walk.rows, motion(chain, j)), _Body
+            here = walk
             if joint.type != REVOLUTE:
-                walk.step(maps.slide(joint.axis), position)
+                walk.step(maps.slide(joint.axis), position, False)
             elif k == run[-1]:
-                walk.step(maps.turn(sign * joint.axis), position)
+                walk.step(maps.turn(sign * joint.axis), position, True)
             else:
-                if k >= j:
-                    parts.append((k, *walk.times(maps.turn(sign * joint.axis), position)))
-                walk.step(maps.swing(sign * joint.axis, chain.joints[k + 1].p), position)
-                continue
+                here = walk.branch(maps.turn(sign * joint.axis), position, True)
+                walk.step(maps.swing(sign * joint.axis, chain.joints[k + 1].p), position, True)
             if k >= j:
-                parts.append((k, walk.keys, walk.rows))
-    return _collect(chain, i, j, parts, base5)
+                parts.append((k, here.keys, here.rows))
+    return _collect(chain, i, j, parts, base5, most_degree is None)
 
 
 def _collect(
-    chain: Chain, i: int, j: int, parts: list[tuple[int, NDArray[np.int64], Array]], base5: NDArray[np.int64]
+    chain: Chain,
+    i: int,
+    j: int,
+    parts: list[tuple[int, NDArray[np.int64], Array]],
+    base5: NDArray[np.int64],
+    complete: bool,
 ) -> Entry:
     """Puts the rows of all bodies into one table over the monomials that occur."""
     keys = np.unique(np.concatenate([part[1] for part in parts]))
@@ -306,7 +325,7 @@ def _collect(
         A[np.searchsorted(keys, part_keys), 10 * k : 10 * k + 10] += rows
     digits = ((keys[:, None] // base5) % 5).astype(np.int8)
     turning = tuple(joint.type == REVOLUTE for joint in chain.joints[i + 1 :])
-    return Entry(i, j, angles(chain, i + 1), turning, digits, A)
+    return Entry(i, j, angles(chain, i + 1), turning, digits, A, complete)
 
 
 def monomials(entry: Entry, q: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from symgen import postures, regressor
+from symgen import kinematics, postures, regressor
 from symgen.basis import Factoring, factor
 from symgen.chain import PRISMATIC, Array, Chain
 from symgen.errors import PlanError, RobotError
@@ -81,7 +81,7 @@ class Model:
 
     def J_cad(self, q: Array) -> Array:
         """The declared robot's inertia matrix [.., n, n] at postures q [.., n]."""
-        return regressor.inertia_matrix(self.chain, q)
+        return kinematics.inertia_matrix(self.chain, q)
 
     def random_postures(self, count: int, rng: np.random.Generator) -> Array:
         """Postures [count, n], uniform within the joint limits."""
@@ -242,11 +242,11 @@ def _snapped(chain: Chain, unsnapped: Chain | None) -> list[dict[str, Any]]:
         return []
     low, high = chain.limits.T
     q = low + (high - low) * np.random.default_rng(0).random((_JUDGE_POSTURES, chain.n))
-    J = regressor.inertia_matrix(chain, q)
+    J = kinematics.inertia_matrix(chain, q)
     cost = {}
     for k, joint in enumerate(chain.joints):
         changed = (*chain.joints[:k], replace(unsnapped.joints[k]), *chain.joints[k + 1 :])
-        other = regressor.inertia_matrix(replace(chain, joints=changed), q)
+        other = kinematics.inertia_matrix(replace(chain, joints=changed), q)
         cost[joint.name] = float(np.abs(other - J).max() / np.abs(J).max())
     return [
         {"joint": snap.joint, "from": snap.found, "to": snap.text, "cost": _digits(cost.get(snap.joint, 0.0), 2)}

@@ -1,0 +1,71 @@
+"""Motion of the bodies of a chain in numbers: twists, and the kinetic energy as a row over inertial parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from symgen.chain import REVOLUTE, Array, Chain, skew
+
+#: Rows and columns of the six entries Lxx, Lxy, Lyy, Lxz, Lyz, Lzz of a symmetric matrix, in the order of `PARAMETERS`.
+MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+
+
+def motion(chain: Chain, k: int) -> Array:
+    """Returns the unit twist [6] (omega, u) of joint k in its link frame."""
+    joint = chain.joints[k]
+    zero = np.zeros(3)
+    return np.concatenate([joint.axis, zero] if joint.type == REVOLUTE else [zero, joint.axis])
+
+
+def energy_row(v: Array, w: Array) -> Array:
+    """Returns the row [.., 10] with v' M w = row . phi for twists v, w [.., 6] of one body (omega, u at its frame's origin)."""
+    v_omega, v_u, w_omega, w_u = v[..., :3], v[..., 3:], w[..., :3], w[..., 3:]
+    row = np.zeros((*np.broadcast_shapes(v.shape, w.shape)[:-1], 10))
+    row[..., 0] = (v_u * w_u).sum(axis=-1)
+    row[..., 1:4] = np.cross(v_u, w_omega) + np.cross(w_u, v_omega)
+    for column, (x, y) in enumerate(MOMENTS):
+        row[..., 4 + column] = v_omega[..., x] * w_omega[..., y]
+        if x != y:
+            row[..., 4 + column] += v_omega[..., y] * w_omega[..., x]
+    return row
+
+
+def twists(chain: Chain, q: Array) -> list[Array]:
+    """Returns for each body k the unit twists [m, k + 1, 6] of the joints up to k, in the link frame of k."""
+    out: list[Array] = []
+    carried = np.zeros((len(q), 0, 6))
+    for k, joint in enumerate(chain.joints):
+        if joint.type == REVOLUTE:
+            c, s = np.cos(q[:, k])[:, None, None], np.sin(q[:, k])[:, None, None]
+            A0 = np.outer(joint.axis, joint.axis)
+            R = joint.R @ (A0 + c * (np.eye(3) - A0) + s * skew(joint.axis))
+            p = np.broadcast_to(joint.p, (len(q), 3))
+        else:
+            R = np.broadcast_to(joint.R, (len(q), 3, 3))
+            p = joint.p + q[:, k, None] * (joint.R @ joint.axis)
+        omega, u = carried[..., :3], carried[..., 3:]
+        u = u + np.cross(omega, p[:, None, :])
+        moved = np.concatenate([omega @ R, u @ R], axis=-1)
+        own = np.broadcast_to(motion(chain, k), (len(q), 1, 6))
+        carried = np.concatenate([moved, own], axis=1)
+        out.append(carried)
+    return out
+
+
+def inertia_matrix(chain: Chain, q: Array) -> Array:
+    """Returns J(q) of the chain's own bodies [.., n, n] at postures q [.., n], without any factoring (composite bodies)."""
+    flat = np.asarray(q, dtype=float).reshape(-1, chain.n)
+    out = np.zeros((len(flat), chain.n, chain.n))
+    for k, moving in enumerate(twists(chain, flat)):
+        rows = energy_row(moving[:, :, None, :], moving[:, None, :, :])
+        out[:, : k + 1, : k + 1] += rows @ chain.parameters[10 * k : 10 * k + 10]
+    return out.reshape(*np.shape(q)[:-1], chain.n, chain.n)
+
+
+def phi_rows(chain: Chain, q: Array, i: int, j: int) -> Array:
+    """Returns the rows with J_ij(q) = row . phi, phi all bodies' parameters: [m, 10 n] at postures q [m, n]."""
+    out = np.zeros((len(q), 10 * chain.n))
+    for k, moving in enumerate(twists(chain, q)):
+        if k >= max(i, j):
+            out[:, 10 * k : 10 * k + 10] = energy_row(moving[:, i], moving[:, j])
+    return out
