@@ -24,6 +24,7 @@ from symgen.robot import Drive
 Array = NDArray[np.float64]
 
 _DIFFERENCE = 1e-4  # rad or m: gravity is a trigonometric polynomial, so a central difference is good to about 1e-8
+_MASSLESS = 1e-12  # least to largest eigenvalue of J(q): below, rounding decides how the link accelerates
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +119,7 @@ def build_plant(
     `drives` [n] in the order of the chain's joints; `gravity` [3, m/s2] in the base frame; `step` [s]. With `free` (a
     joint, from 0) only that joint moves and the others are rigid: the paper's simulation. The motor at rest reads
     N (q + g/K) and needs g/N, with g(q) [n, N m] the gravity forces that MuJoCo itself finds.
-    ExperimentError: a drive that does not fit its joint, a body MuJoCo can not simulate.
+    ExperimentError: a drive that does not fit its joint.
     """
     q = np.array(posture, dtype=float)
     drives = tuple(drives)
@@ -137,12 +138,19 @@ def build_plant(
 
 
 def linearise(plant: Plant) -> Linear:
-    """Returns the plant's linear model about rest: the mass matrix of MuJoCo and the slope of its gravity forces."""
+    """Returns the plant's linear model about rest: the mass matrix of MuJoCo and the slope of its gravity forces.
+
+    ExperimentError where a joint moves no inertia.
+    """
     model, data, m = plant.model, plant.data(), len(plant.live)
     mass = np.zeros((model.nv, model.nv))
     for column, unit in zip(mass, np.eye(model.nv), strict=True):
         mujoco.mj_mulM(model, data, column, unit)
     J = mass[1::2, 1::2]
+    moments, directions = np.linalg.eigh(J)
+    if moments[0] <= _MASSLESS * moments[-1]:
+        joint = plant.drives[plant.live[int(np.abs(directions[:, 0]).argmax())]].joint
+        raise ExperimentError(f"joint {joint!r} moves nothing: the URDF gives the links behind it no inertia about it")
     drives = [plant.drives[i] for i in plant.live]
     N, J_m, K, D, D_spring = (np.array([getattr(d, k) for d in drives]) for k in ("N", "J_m", "K", "D", "D_spring"))
     q = plant.posture[list(plant.live)]
@@ -174,48 +182,51 @@ def _compile(
     integrator: str,
 ) -> mujoco.MjModel:
     root = ET.Element("mujoco")
-    ET.SubElement(root, "compiler", angle="radian", fusestatic="true")
+    ET.SubElement(root, "compiler", angle="radian")
     option = ET.SubElement(root, "option", timestep=_text(step), integrator=integrator, gravity=_text(gravity))
     # a state that has blown up must stay visible: autoreset would put the arm back to rest without a word
     ET.SubElement(option, "flag", contact="disable", constraint="disable", sensor="disable", autoreset="disable")
-    body = ET.SubElement(root, "worldbody")
+    element = ET.SubElement(root, "worldbody")
     motors = ET.SubElement(root, "actuator")
-    for i, (joint, drive) in enumerate(zip(chain.joints, drives, strict=True)):
-        R, p = joint.R, joint.p
-        if i not in live:
-            R, p = _frozen_pose(joint.type, joint.axis, R, p, q[i])
-        body = ET.SubElement(body, "body", name=f"link{i}", pos=_text(p), quat=_quaternion(R))
+    bodies = _moving_bodies(chain, q, live)
+    for i, R, p, inertia in bodies:
+        joint, drive = chain.joints[i], drives[i]
+        element = ET.SubElement(element, "body", pos=_text(p), quat=_quaternion(R))
+        kind = {"type": "hinge" if joint.type == REVOLUTE else "slide", "axis": _text(joint.axis), "limited": "false"}
+        rotor, damping = _text(drive.N**2 * drive.J_m), _text(drive.N**2 * drive.D)
+        ET.SubElement(element, "joint", kind, name=f"motor{i}", armature=rotor, damping=damping)
+        ET.SubElement(element, "joint", kind, stiffness=_text(drive.K), damping=_text(drive.D_spring))
+        ET.SubElement(motors, "motor", joint=f"motor{i}", gear=_text(drive.N))
+        axes = np.linalg.eigh(inertia.I)[1]
+        axes[:, 2] *= np.linalg.det(axes)  # right-handed
+        pose = {"pos": _text(inertia.com), "quat": _quaternion(axes)}
+        ET.SubElement(element, "inertial", pose, mass="1", diaginertia="1 1 1")
+    model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
+    # Written here because MuJoCo's compiler refuses what real URDFs contain: rods, points, A + B < C in the last digit.
+    model.body_mass[1:] = [inertia.mass for *_, inertia in bodies]
+    model.body_inertia[1:] = [np.linalg.eigvalsh(inertia.I) for *_, inertia in bodies]
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def _moving_bodies(chain: Chain, q: Array, live: tuple[int, ...]) -> list[tuple[int, Array, Array, Inertia]]:
+    """(joint, R, p, body) of every live joint: its frame in that of the live joint before, and what it carries up to the
+    next one, with the joints between frozen at q."""
+    bodies: list[tuple[int, Array, Array, Inertia]] = []
+    R, p = np.eye(3), np.zeros(3)
+    for i, joint in enumerate(chain.joints):
+        R, p = R @ joint.R, p + R @ joint.p
         if i in live:
-            kind = {
-                "type": "hinge" if joint.type == REVOLUTE else "slide",
-                "axis": _text(joint.axis),
-                "limited": "false",
-            }
-            rotor, damping = _text(drive.N**2 * drive.J_m), _text(drive.N**2 * drive.D)
-            ET.SubElement(body, "joint", kind, name=f"motor{i}", armature=rotor, damping=damping)
-            spring = {"stiffness": _text(drive.K), "damping": _text(drive.D_spring)}
-            ET.SubElement(body, "joint", kind, name=f"spring{i}", **spring)
-            ET.SubElement(motors, "motor", joint=f"motor{i}", gear=_text(drive.N))
-        _add_inertial(body, joint.inertia)
-    try:
-        return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
-    except ValueError as error:
-        names = ", ".join(f"link{i} = {joint.link!r}" for i, joint in enumerate(chain.joints))
-        raise ExperimentError(f"{chain.name}: cannot be simulated: {' '.join(str(error).split())} ({names})") from None
-
-
-def _frozen_pose(kind: str, axis: Array, R: Array, p: Array, q: float) -> tuple[Array, Array]:
-    """The joint frame's pose in the previous link's frame, moved to q for good."""
-    if kind == REVOLUTE:
-        return R @ expm(skew(axis) * q), p
-    return R, p + R @ axis * q
-
-
-def _add_inertial(body: ET.Element, inertia: Inertia) -> None:
-    moments, axes = np.linalg.eigh(inertia.I)
-    axes[:, 2] *= np.linalg.det(axes)  # right-handed
-    pose = {"pos": _text(inertia.com), "quat": _quaternion(axes)}
-    ET.SubElement(body, "inertial", pose, mass=_text(inertia.mass), diaginertia=_text(moments))
+            bodies.append((i, R, p, joint.inertia))
+            R, p = np.eye(3), np.zeros(3)
+            continue
+        if joint.type == REVOLUTE:
+            R = R @ expm(skew(joint.axis) * q[i])
+        else:
+            p = p + R @ joint.axis * q[i]
+        if bodies:
+            bodies[-1] = (*bodies[-1][:3], bodies[-1][3] + joint.inertia.moved(R, p))
+    return bodies
 
 
 def _quaternion(R: Array) -> str:

@@ -154,12 +154,15 @@ class _Node:
             raise self.error(name, f"found {value.size} numbers, expected one")
         return float(value.item())
 
-    def whole(self, name: str) -> Any:
-        """One whole number, or an array of them."""
+    def wholes(self, name: str) -> NDArray[np.int64]:
         value = self.numbers(name)
         if not np.all((np.abs(value) < 2**53) & (np.floor(value) == value)):
             raise self.error(name, f"found {_short(value)}, expected whole numbers")
         return value.astype(np.int64)
+
+    def whole(self, name: str) -> int:
+        self.number(name)
+        return int(self.wholes(name).item())
 
     def dataset(self, name: str) -> h5py.Dataset:
         return _child(self.group, name, h5py.Dataset, self.file)
@@ -234,14 +237,14 @@ def _read_record(groups: h5py.Group, id: str, n: int, where: str) -> Record:
     node = _Node(group, where)
     excited = node.string("excited")
     node.verify(excited)
-    samples_per_period, periods = int(node.whole("samples_per_period")), int(node.whole("periods"))
+    samples_per_period, periods = node.whole("samples_per_period"), node.whole("periods")
     shape = (periods * samples_per_period, n)
     return Record(
         id=id,
         excited=excited,
         posture=node.numbers("posture"),
         f0=node.number("f0_hz"),
-        lines=node.whole("lines"),
+        lines=node.wholes("lines"),
         samples_per_period=samples_per_period,
         periods=periods,
         rms=node.number("rms"),
