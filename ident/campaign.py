@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 
-def _frozen(values: object, dtype: type = float) -> NDArray:  # type: ignore[type-arg]
+def _frozen(values: object, dtype: type = float) -> Array:
     array = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array

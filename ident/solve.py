@@ -55,6 +55,7 @@ class Alpha:
     stages: tuple[Stage, ...]
     residual: Array
     redundancy: Array
+    left_out: Array
     standardised: Array
     chi2: float
     dof: int
@@ -90,14 +91,15 @@ def solve(
 ) -> Alpha:
     """Returns alpha [d] from rows @ alpha = J, joint by joint from the tip (highest index) to the base.
 
-    `rows` [M, d, 1], `J` and `std` [M, kg m2], `joint_of_measurement` [M] and `joint_of_alpha` [d] joint indices (a
+    `rows` [M, d, 1], `J` [M, kg m2] with `std` [M], or with a covariance [M, M] where measurements of one joint (never of
+    two) are correlated, `joint_of_measurement` [M] and `joint_of_alpha` [d] joint indices (a
     joint's own new alphas; used to name and order, never to weigh). An alpha its own joint can not determine stays open
     until a later joint closes it; those open at the end are named in `status`. Raises IdentError for shapes that do not
-    fit, non-finite numbers and standard deviations that are not positive.
+    fit, non-finite numbers and standard deviations or a covariance that are not positive.
     """
-    C, b, sigma, of_row, of_alpha = _checked(rows, J, std, joint_of_measurement, joint_of_alpha)
+    C, b, L, of_row, of_alpha = _checked(rows, J, std, joint_of_measurement, joint_of_alpha)
     M, d = C.shape
-    A, y = C / sigma[:, None], b / sigma
+    A, y = np.linalg.solve(L, C), np.linalg.solve(L, b)
     root = np.zeros((0, d + 1))  # [R z]: R alpha = z carries all information so far
     stages: list[Stage] = []
     known = np.zeros(d, dtype=bool)
@@ -115,15 +117,20 @@ def solve(
         ))  # fmt: skip
         misfit, rank = estimate.misfit, estimate.rank
     residual = b - C @ estimate.value
-    redundancy = np.clip(1.0 - np.einsum("md,de,me->m", A, estimate.covariance, A), 0.0, 1.0)
+    # Q = V^-1 - V^-1 C P C' V^-1: what the measurements say of each other once alpha is taken out
+    inverse = np.linalg.inv(L)
+    seen = inverse.T @ A
+    Q = inverse.T @ inverse - seen @ estimate.covariance @ seen.T
+    redundancy = np.clip(np.diag(Q) * np.diag(L @ L.T), 0.0, 1.0)
     checked = redundancy > np.sqrt(np.finfo(float).eps)
     redundancy = np.where(checked, redundancy, 0.0)
-    standardised = np.divide(residual, sigma * np.sqrt(redundancy), out=np.zeros(M), where=checked)
+    left_out = np.divide(Q @ residual, np.diag(Q), out=np.zeros(M), where=checked)
+    standardised = np.where(checked, left_out * np.sqrt(np.maximum(np.diag(Q), 0.0)), 0.0)
     dof = M - rank
     agrees = bool(misfit <= chi2.ppf(CONFIDENCE, dof)) if dof > 0 else True
     return Alpha(
-        estimate.value, estimate.covariance, known, estimate.unseen, tuple(stages), residual, redundancy, standardised,
-        misfit, dof, agrees, _status(known, of_alpha, misfit, dof, agrees),
+        estimate.value, estimate.covariance, known, estimate.unseen, tuple(stages), residual, redundancy, left_out,
+        standardised, misfit, dof, agrees, _status(known, of_alpha, misfit, dof, agrees),
     )  # fmt: skip
 
 
@@ -192,23 +199,28 @@ class _Estimate:
 def _checked(
     rows: ArrayLike, J: ArrayLike, std: ArrayLike, joint_of_measurement: ArrayLike, joint_of_alpha: ArrayLike
 ) -> tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Returns the arguments of `solve` as arrays; raises IdentError naming the first that does not fit."""
+    """Returns rows, J, L (L L' the covariance of J) and the joints; raises IdentError naming the first that does not fit."""
     C, b, sigma = (np.asarray(a, dtype=float) for a in (rows, J, std))
+    square = sigma.ndim == 2
     of_row, of_alpha = np.asarray(joint_of_measurement, dtype=np.int64), np.asarray(joint_of_alpha, dtype=np.int64)
     if C.ndim != 2 or 0 in C.shape:
         raise IdentError(f"rows must be [measurements, alphas], found shape {C.shape}")
     M, d = C.shape
     for name, array, length in (
-        ("J", b, M), ("std", sigma, M), ("joint_of_measurement", of_row, M), ("joint_of_alpha", of_alpha, d)
+        ("J", b, M), ("std", sigma[:, 0] if square else sigma, M), ("joint_of_measurement", of_row, M), ("joint_of_alpha", of_alpha, d)
     ):  # fmt: skip
         if array.shape != (length,):
             raise IdentError(f"{name} has shape {array.shape}, expected ({length},) to fit rows of shape {C.shape}")
     for name, array in (("rows", C), ("J", b), ("std", sigma)):
         if not np.isfinite(array).all():
             raise IdentError(f"{name}: measurement {np.argwhere(~np.isfinite(array))[0][0]} is not finite")
-    if not (sigma > 0).all():
-        raise IdentError(f"std: measurement {np.argmin(sigma)} has {sigma.min():g}, expected more than 0")
-    return C, b, sigma, of_row, of_alpha
+    spread = np.diag(sigma) if square else sigma
+    if not (spread > 0).all():
+        raise IdentError(f"std: measurement {np.argmin(spread)} has {spread.min():g}, expected more than 0")
+    try:
+        return C, b, np.linalg.cholesky(sigma) if square else np.diag(sigma), of_row, of_alpha
+    except np.linalg.LinAlgError:
+        raise IdentError(f"covariance of J: shape {sigma.shape} not symmetric positive definite") from None
 
 
 def _status(

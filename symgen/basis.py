@@ -239,7 +239,7 @@ def _outside(chain: Chain, entry: Entry, W: Array, scale: Array) -> bool:
 def _without(entry: Entry, zero: NDArray[np.bool_]) -> Entry:
     """The entry with the believed zeros struck out, and the monomials that thereby vanish (but never all of them)."""
     A: Array = np.where(zero, 0.0, entry.A)
-    kept: NDArray[np.bool_] = A.any(axis=1)
+    kept = np.array(A.any(axis=1))
     kept[0] |= not kept.any()
     return replace(entry, digits=entry.digits[kept], A=A[kept])
 
