@@ -12,7 +12,7 @@ Array = NDArray[Any]
 
 
 def _frozen(values: object, dtype: type = float) -> Array:
-    array = np.array(values, dtype=dtype)
+    array: Array = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array
 
