@@ -17,11 +17,14 @@ from ident.campaign import Campaign, Record
 from ident.dob import ClosedLoop, Servo, check_stable, close_loop, controller, hold_servo, lock_servo
 from ident.errors import ExperimentError
 from ident.excitation import Multisine, random_phase_odd, schroeder, synthesise
-from ident.plant import Linear, Plant, build_plant, linearise
+from ident.plant import Plant, build_plant, linearise
 from symgen.chain import Chain
 from symgen.robot import Drive, Robot
 
 Array = NDArray[np.float64]
+
+LOCKS = ("dob", "rigid")
+EXCITATIONS = ("odd", "schroeder")
 
 #: Share of a motor's torque limit that preload and predicted peak may use together: the declared arm is not the true one.
 TORQUE_SHARE = 0.7
@@ -110,7 +113,7 @@ def simulate(
     records: list[Record] = []
     for record in _run_all(jobs, min(workers, len(jobs))):
         records.append(record)
-        if progress is not None:
+        if progress:
             progress(len(records), len(jobs))
     held = "held by PD and disturbance observer" if lock == "dob" else "rigid"
     return Campaign(
@@ -143,13 +146,15 @@ def prepare(
     """
     e = robot.experiment
     q = _checked_posture(chain, joint, posture)
-    i = chain.names.index(joint)
-    where = f"joint {joint!r} at posture {_show(q)}"
-    plant = build_plant(chain, [robot.drive(name) for name in chain.names], robot.gravity, q, free=_free(lock, i))
-    linear = linearise(plant)
-    loop, servos = _closed_loop(plant, linear, robot, i)
-    growth = check_stable(loop, joint, q)
-    signal = _excitation(excitation, robot, rng)
+    i, where = chain.names.index(joint), _where(joint, q)
+    for word, value, known in (("lock", lock, LOCKS), ("excitation", excitation, EXCITATIONS)):
+        if value not in known:
+            raise ExperimentError(f"{word} = {value!r}; expected {' or '.join(map(repr, known))}")
+    free = i if lock == "rigid" else None
+    plant = build_plant(chain, [robot.drive(name) for name in chain.names], robot.gravity, q, free=free)
+    loop, servos = _closed_loop(plant, robot, i)
+    growth = check_stable(loop, where)
+    signal = random_phase_odd(e.f0, e.band, rng, fs=e.fs) if excitation == "odd" else schroeder(e.f0, e.band)
 
     m, port = len(plant.live), plant.live.index(i)
     states = loop.response(signal.lines * signal.f0, port) * signal.spectrum[:, None]
@@ -172,30 +177,24 @@ def prepare(
     )
 
 
-def _free(lock: str, joint: int) -> int | None:
-    if lock not in ("dob", "rigid"):
-        raise ExperimentError(f"lock = {lock!r}; expected 'dob' or 'rigid'")
-    return joint if lock == "rigid" else None
-
-
 def _checked_posture(chain: Chain, joint: str, posture: ArrayLike) -> Array:
     if joint not in chain.names:
         raise ExperimentError(f"cell excites joint {joint!r}; the arm has {', '.join(chain.names)}")
     q = np.array(posture, dtype=float)
     if q.shape != (chain.n,) or not np.all(np.isfinite(q)):
-        raise ExperimentError(f"joint {joint!r}: posture {posture!r}; expected {chain.n} finite numbers")
+        found = " ".join(str(posture).split())
+        raise ExperimentError(f"joint {joint!r}: posture {found}; expected {chain.n} finite numbers")
     for one, value in zip(chain.joints, q, strict=True):
         if not one.lower - _LIMIT_SLACK <= value <= one.upper + _LIMIT_SLACK:
-            allowed = f"[{one.lower:g}, {one.upper:g}]"
             raise ExperimentError(
-                f"joint {joint!r} at posture {_show(q)}: {one.name!r} = {value:g} is outside its limits {allowed}"
+                f"{_where(joint, q)}: {one.name!r} = {value:g} is outside its limits [{one.lower:g}, {one.upper:g}]"
             )
     return q
 
 
-def _closed_loop(plant: Plant, linear: Linear, robot: Robot, excited: int) -> tuple[ClosedLoop, tuple[Servo, ...]]:
+def _closed_loop(plant: Plant, robot: Robot, excited: int) -> tuple[ClosedLoop, tuple[Servo, ...]]:
     """The declared plant under a soft hold of the excited joint and the lock of the others."""
-    e = robot.experiment
+    e, linear = robot.experiment, linearise(plant)
     drives = [plant.drives[k] for k in plant.live]
     gravity = np.diag(linear.gravity_stiffness([drive.K for drive in drives]))
     servos = []
@@ -205,15 +204,6 @@ def _closed_loop(plant: Plant, linear: Linear, robot: Robot, excited: int) -> tu
             hold_servo(drive.N, inertia, float(dG)) if k == excited else lock_servo(drive.J_m, e.lock_pd, e.lock_dob)
         )
     return close_loop(*linear.sampled(1 / e.fs), servos, 1 / e.fs), tuple(servos)
-
-
-def _excitation(kind: str, robot: Robot, rng: np.random.Generator) -> Multisine:
-    e = robot.experiment
-    if kind == "odd":
-        return random_phase_odd(e.f0, e.band, rng, fs=e.fs)
-    if kind == "schroeder":
-        return schroeder(e.f0, e.band)
-    raise ExperimentError(f"excitation = {kind!r}; expected 'odd' or 'schroeder'")
 
 
 def _run_all(jobs: list[_Job], workers: int) -> Iterator[Record]:
@@ -237,25 +227,23 @@ def _run(job: _Job) -> Record:
     plant = build_plant(job.chain, job.drives, robot.gravity, setup.posture, free=free, integrator=job.integrator)
     steps = job.steps or linearise(plant).rk4_steps(e.fs, e.band[1], MODE_ERROR)
     plant.model.opt.timestep = 1 / (e.fs * steps)
-    name = job.chain.names[setup.joint]
-    where = f"joint {name!r} at posture {_show(setup.posture)}"
-
-    period = setup.excitation.samples(e.fs)
-    play = np.tile(period, e.periods)
-    ramp = int(RAMP * len(period))
+    where = _where(job.chain.names[setup.joint], setup.posture)
+    play = np.tile(setup.excitation.samples(e.fs), e.periods)
+    ramp = int(RAMP * e.samples_per_period)
     play[:ramp] *= (1 - np.cos(pi * np.arange(ramp) / ramp)) / 2
     size = np.array([plant.drives[k].tau_max for k in setup.live]) / plant.drives[setup.joint].tau_max
-    rng = np.random.default_rng(job.seed)
-    noise = rng.standard_normal((len(play), len(size))) * (e.torque_noise * setup.excitation.rms * size)
+    noise = np.random.default_rng(job.seed).standard_normal((len(play), len(size))) * (
+        e.torque_noise * setup.excitation.rms * size
+    )
     resolution = np.array([2 * pi / drive.encoder_counts for drive in plant.drives])
     rest = resolution * np.round(plant.rest / resolution)
     theta, tau = np.tile(rest, (len(play), 1)), np.tile(plant.preload, (len(play), 1))
     live = list(setup.live)
     theta[:, live], tau[:, live] = _play(plant, setup, play, noise, resolution[live], steps, 1 / e.fs, where)
-    _check_motion(theta, plant, e.swing, e.samples_per_period, where, job.chain.names)
+    _check_motion(theta, plant, e.swing, e.samples_per_period, where)
     return Record(
         id=job.id,
-        excited=name,
+        excited=job.chain.names[setup.joint],
         posture=setup.posture,
         f0=e.f0,
         lines=setup.excitation.lines,
@@ -272,12 +260,10 @@ def _play(
 ) -> tuple[Array, Array]:
     """Encoder readings [T, live, rad] and commanded torques [T, live, N m]; plain floats, a million times a campaign."""
     model, data = plant.model, plant.data()
-    drives = [plant.drives[k] for k in setup.live]
-    live = list(setup.live)
+    live, drives = list(setup.live), [plant.drives[k] for k in setup.live]
     command = controller(setup.servos, plant.rest[live].tolist(), plant.preload[live].tolist(), Ts)
     encoder = [(drive.N / unit, unit) for drive, unit in zip(drives, resolution.tolist(), strict=True)]
-    limits = [drive.tau_max for drive in drives]
-    port = setup.live.index(setup.joint)
+    limits, port = [drive.tau_max for drive in drives], setup.live.index(setup.joint)
     motor, ctrl = data.qpos[::2], data.ctrl
     theta, tau = [], []
     for k, (torque, disturbance) in enumerate(zip(play.tolist(), noise.tolist(), strict=True)):
@@ -297,7 +283,7 @@ def _play(
     return np.array(theta), np.array(tau)
 
 
-def _check_motion(theta: Array, plant: Plant, swing: float, period: int, where: str, names: tuple[str, ...]) -> None:
+def _check_motion(theta: Array, plant: Plant, swing: float, period: int, where: str) -> None:
     """ExperimentError if a joint is not at its posture in the last period: it fell, or it swings far beyond the plan."""
     N = np.array([drive.N for drive in plant.drives])
     away = (theta[-period:] - plant.rest) / N
@@ -305,10 +291,10 @@ def _check_motion(theta: Array, plant: Plant, swing: float, period: int, where: 
     j = int(np.argmax(peak))
     if peak[j] > STRAY * swing:
         raise ExperimentError(
-            f"{where}: {names[j]!r} moves {peak[j]:.3g} rad from rest in the last period (mean {mean[j]:.3g}); expected at "
+            f"{where}: {plant.drives[j].joint!r} moves {peak[j]:.3g} rad from rest in the last period (mean {mean[j]:.3g}); expected at "
             f"most {STRAY:g} times the planned swing of {swing:g} rad: it fell, or the arm is not as declared"
         )
 
 
-def _show(q: Array) -> str:
-    return np.array2string(q, precision=4, separator=", ")
+def _where(joint: str, q: Array) -> str:
+    return f"joint {joint!r} at posture [{', '.join(f'{value:.4g}' for value in q)}]"

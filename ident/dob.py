@@ -134,13 +134,12 @@ def _gains(servo: Servo, Ts: float) -> tuple[float, float, float, float, float]:
     return (servo.kp, servo.kd, servo.dob * servo.J, *((a, 1.0 - a) if servo.dob else (0.0, 0.0)))
 
 
-def check_stable(loop: ClosedLoop, joint: str, posture: Array) -> float:
-    """Returns the growth rate [1/s]; ExperimentError naming joint and posture where it is not negative."""
+def check_stable(loop: ClosedLoop, where: str) -> float:
+    """Returns the growth rate [1/s]; ExperimentError, beginning with `where` (joint and posture), if it is not negative."""
     growth = loop.growth
     if not growth < 0:
-        at = np.array2string(np.asarray(posture), precision=4, separator=", ")
         raise ExperimentError(
-            f"joint {joint!r} at posture {at}: the sampled lock is unstable (growth rate {growth:+.3g} 1/s, expected < 0); "
-            "lower lock_pd_Hz or lock_dob_Hz, or raise the sampling rate"
+            f"{where}: the sampled lock is unstable (growth rate {growth:+.3g} 1/s, expected < 0); "
+            "lower lock_pd_Hz, raise lock_dob_Hz or raise the sampling rate"
         )
     return growth

@@ -23,6 +23,8 @@ from symgen.robot import Drive
 
 Array = NDArray[np.float64]
 
+INTEGRATORS = ("RK4", "implicitfast", "implicit", "Euler")
+
 _DIFFERENCE = 1e-4  # rad or m: gravity is a trigonometric polynomial, so a central difference is good to about 1e-8
 _MASSLESS = 1e-12  # least to largest eigenvalue of J(q): below, rounding decides how the link accelerates
 
@@ -119,8 +121,10 @@ def build_plant(
     `drives` [n] in the order of the chain's joints; `gravity` [3, m/s2] in the base frame; `step` [s]. With `free` (a
     joint, from 0) only that joint moves and the others are rigid: the paper's simulation. The motor at rest reads
     N (q + g/K) and needs g/N, with g(q) [n, N m] the gravity forces that MuJoCo itself finds.
-    ExperimentError: a drive that does not fit its joint.
+    ExperimentError: a drive that does not fit its joint, an unknown integrator.
     """
+    if integrator not in INTEGRATORS:
+        raise ExperimentError(f"integrator = {integrator!r}; expected one of {', '.join(INTEGRATORS)}")
     q = np.array(posture, dtype=float)
     drives = tuple(drives)
     for joint, drive in zip(chain.joints, drives, strict=True):

@@ -1,4 +1,7 @@
-"""The campaign file: a `Campaign` as HDF5 and back, format "frf-campaign", version 1. Every rule is checked both ways."""
+"""The campaign file: a `Campaign` as HDF5 and back, format "frf-campaign", version 1.
+
+Writing, reading and the rules stay in one module, longer than most: both directions are judged by the same rules.
+"""
 
 from __future__ import annotations
 

@@ -114,13 +114,10 @@ def test_routh_bound_of_the_lock(ratio: float) -> None:
 
 def test_unstable_lock_is_refused_by_name() -> None:
     A, B, C = two_joint_arm()
-    posture = np.array([0.0, -1.5708])
-    assert check_stable(close_loop(A, B, C, SERVOS, TS), "joint1", posture) < 0
+    assert check_stable(close_loop(A, B, C, SERVOS, TS), "joint 'j'") < 0
     wild = [lock_servo(servo_J, 60.0, 60.0) for servo_J in (0.4 / 100**2, 0.1 / 80**2)]
-    with pytest.raises(
-        ExperimentError, match=r"joint 'joint1' at posture \[ 0. +, -1.5708\]: .* unstable \(growth rate \+"
-    ):
-        check_stable(close_loop(A, B, C, wild, TS), "joint1", posture)
+    with pytest.raises(ExperimentError, match=r"joint 'j': .* unstable \(growth rate \+"):
+        check_stable(close_loop(A, B, C, wild, TS), "joint 'j'")
 
 
 def test_a_servo_without_observer_adds_no_slow_mode() -> None:
