@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from symgen.chain import REVOLUTE, Array, Chain, skew
@@ -30,25 +32,43 @@ def energy_row(v: Array, w: Array) -> Array:
     return row
 
 
-def twists(chain: Chain, q: Array) -> list[Array]:
-    """Returns for each body k the unit twists [m, k + 1, 6] of the joints up to k, in the link frame of k."""
-    out: list[Array] = []
-    carried = np.zeros((len(q), 0, 6))
+def placements(chain: Chain, q: Array) -> Iterator[tuple[Array, Array]]:
+    """Yields for each body its frame in the frame of the body before: rotations [m, 3, 3] and origins [m, 3, m] at q [m, n]."""
     for k, joint in enumerate(chain.joints):
         if joint.type == REVOLUTE:
             c, s = np.cos(q[:, k])[:, None, None], np.sin(q[:, k])[:, None, None]
             A0 = np.outer(joint.axis, joint.axis)
-            R = joint.R @ (A0 + c * (np.eye(3) - A0) + s * skew(joint.axis))
-            p = np.broadcast_to(joint.p, (len(q), 3))
+            yield (
+                joint.R @ (A0 + c * (np.eye(3) - A0) + s * skew(joint.axis)),
+                np.broadcast_to(joint.p, (len(q), 3)),
+            )
         else:
-            R = np.broadcast_to(joint.R, (len(q), 3, 3))
-            p = joint.p + q[:, k, None] * (joint.R @ joint.axis)
+            yield np.broadcast_to(joint.R, (len(q), 3, 3)), joint.p + q[:, k, None] * (joint.R @ joint.axis)
+
+
+def twists(chain: Chain, q: Array) -> list[Array]:
+    """Returns for each body k the unit twists [m, k + 1, 6] of the joints up to k, in the link frame of k."""
+    out: list[Array] = []
+    carried = np.zeros((len(q), 0, 6))
+    for k, (R, p) in enumerate(placements(chain, q)):
         omega, u = carried[..., :3], carried[..., 3:]
         u = u + np.cross(omega, p[:, None, :])
         moved = np.concatenate([omega @ R, u @ R], axis=-1)
         own = np.broadcast_to(motion(chain, k), (len(q), 1, 6))
         carried = np.concatenate([moved, own], axis=1)
         out.append(carried)
+    return out
+
+
+def gravity_forces(chain: Chain, q: Array, gravity: Array) -> Array:
+    """Returns the joint forces [m, n, N m or N] that hold the arm against `gravity` [3, m/s2, base frame] at q [m, n]."""
+    out = np.zeros((len(q), chain.n))
+    g = np.broadcast_to(np.asarray(gravity, dtype=float), (len(q), 3))
+    for k, ((R, _), moving) in enumerate(zip(placements(chain, q), twists(chain, q), strict=True)):
+        g = np.einsum("mba,mb->ma", R, g)
+        m, h = chain.parameters[10 * k], chain.parameters[10 * k + 1 : 10 * k + 4]
+        momentum = m * moving[..., 3:] + np.cross(moving[..., :3], h)
+        out[:, : k + 1] -= np.einsum("mja,ma->mj", momentum, g)
     return out
 
 
