@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from symgen.chain import PARAMETERS, Array, Chain, readonly
 from symgen.errors import SymgenError
+from symgen.geometry import polynomials
 from symgen.inertia import DIGIT_DEGREE, Entry, derive, parameter_scale
 from symgen.kinematics import phi_rows
 
@@ -26,9 +27,8 @@ RANK_TOLERANCE = 1e-9
 #: which keeps the coefficients of the others small.
 _PIVOT_PASSES = (0.3, 0.03, RANK_TOLERANCE)
 
-#: Sets of prime lengths; what divides a coefficient for all of them divides it whatever the lengths (2 in 2 m_3 l_2 r_3).
-_PRIMES = [p for p in range(1009, 4000) if all(p % k for k in range(2, 64))]
-_LENGTHS = (_PRIMES, _PRIMES[::-1], _PRIMES[100::3])
+#: Units of constants, by the power of m.
+UNITS = ("kg", "kg m", "kg m2")
 
 #: Coefficients below this, relative to the largest of their monomial, are rounding of zero.
 _SMALL = 1e-11
@@ -143,20 +143,18 @@ def _rank(A: Array) -> tuple[int, Array]:
 def _unit(chain: Chain, entry: Entry, monomial: int) -> str:
     turning = [chain.joints[k].type == "revolute" for k in (entry.i, entry.j)]
     power = sum(turning) - sum(int(d) for d, t in zip(entry.digits[monomial], entry.turning, strict=True) if not t)
-    return {0: "kg", 1: "kg m", 2: "kg m2"}[power]
+    return UNITS[power]
 
 
 def _content(chain: Chain, entry: Entry, rows: list[int], free: NDArray[np.bool_]) -> list[int]:
     """The whole number that divides each coefficient whatever the lengths: 2 for 2 m_3 l_2 r_3 (so alpha_21 = m_3 l_2 r_3)."""
-    found = np.zeros((len(rows), 0), dtype=np.int64)
-    for lengths in _LENGTHS if rows else ():
-        values = iter(lengths)
-        joints = [replace(joint, p=np.array([next(values) if p else 0.0 for p in joint.p])) for joint in chain.joints]
-        test = derive(replace(chain, joints=tuple(joints)), entry.i, entry.j, entry.digits[rows])
-        A = np.array([test.A[(test.digits == entry.digits[row]).all(axis=1)].sum(axis=0) * free for row in rows])
-        exact = np.abs(A - np.round(A)).max(axis=1) < 1e-6
-        found = np.column_stack([found, np.where(exact[:, None], np.round(A), 1.0).astype(np.int64)])
-    return [max(int(np.gcd.reduce(row)), 1) for row in found]
+    if not rows:
+        return []
+    table = polynomials(chain, entry, rows, [UNITS.index(_unit(chain, entry, row)) for row in rows])
+    coefficients = table[:, free].reshape(len(rows), -1)
+    whole = np.round(coefficients).astype(np.int64)
+    exact = np.abs(coefficients - whole).max(axis=1) < 1e-6
+    return [max(int(np.gcd.reduce(row)), 1) if good else 1 for row, good in zip(whole, exact, strict=True)]
 
 
 def _names(pairs: list[tuple[int, int]]) -> list[str]:
@@ -240,7 +238,7 @@ def _without(entry: Entry, zero: NDArray[np.bool_]) -> Entry:
     """The entry with the believed zeros struck out, and the monomials that thereby vanish (but never all of them)."""
     A: Array = np.where(zero, 0.0, entry.A)
     kept = np.array(A.any(axis=1))
-    kept[0] |= not kept.any()
+    kept[:1] |= not kept.any()
     return replace(entry, digits=entry.digits[kept], A=A[kept])
 
 
