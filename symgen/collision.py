@@ -1,0 +1,125 @@
+"""Whether an arm touches itself at a posture: the URDF's collision shapes, tested by Pinocchio's collision library."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symgen.chain import Array, Chain
+
+#: Shapes that touch at this share of random postures overlap by construction (neighbours in a gearbox), not by motion.
+_ALWAYS = 0.95
+_TRIALS = 40
+
+
+class SelfCollision:
+    """The collision shapes of one arm. `note` says in words what is tested; call with postures [m, n] for a mask [m]."""
+
+    def __init__(self, chain: Chain, urdf: Path):
+        self._test, self.note = _tester(chain, urdf)
+
+    def __call__(self, q: Array) -> NDArray[np.bool_]:
+        """True where the arm touches itself [m]; all False where there is nothing to test."""
+        if self._test is None:
+            return np.zeros(len(q), dtype=bool)
+        return np.array([self._test(row) for row in q], dtype=bool)
+
+
+def _tester(chain: Chain, urdf: Path) -> tuple[Callable[[Array], bool] | None, str]:
+    text, shapes, missing = _resolved(chain.source, urdf)
+    if not shapes:
+        return None, "not tested: the URDF has no collision shapes" + (
+            f" but {missing} meshes not found" if missing else ""
+        )
+    import pinocchio as pin
+
+    try:
+        whole = pin.buildModelFromXML(text)
+        geometry = pin.buildGeomFromUrdfString(whole, text, pin.GeometryType.COLLISION)
+        rest = pin.neutral(whole)
+        for name, value in chain.frozen.items():
+            joint = whole.joints[whole.getJointId(name)] if whole.existJointName(name) else None
+            if joint is not None:
+                rest[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+        others = [k for k in range(1, whole.njoints) if whole.names[k] not in chain.names]
+        model, geometry = pin.buildReducedModel(whole, geometry, others, rest) if others else (whole, geometry)
+    except (ValueError, RuntimeError) as error:
+        return None, f"not tested: {' '.join(str(error).split())[:120]}"
+    test = _pairs(pin, model, geometry, chain)
+    note = f"tested with {shapes} collision shapes" + (f", {missing} meshes not found" if missing else "")
+    return test, note
+
+
+def _resolved(text: str, urdf: Path) -> tuple[str, int, int]:
+    """The URDF with only collision shapes that exist, meshes by absolute path; counts of those kept and of those missing."""
+    root = ET.fromstring(text)
+    kept = missing = 0
+    for link in root.iter("link"):
+        for shape in list(link.findall("visual")) + list(link.findall("collision")):
+            mesh = shape.find("geometry/mesh")
+            if shape.tag == "visual":
+                link.remove(shape)
+            elif mesh is not None and (path := _mesh_file(mesh.get("filename", ""), urdf)) is None:
+                link.remove(shape)
+                missing += 1
+            else:
+                kept += 1
+                if mesh is not None and path is not None:
+                    mesh.set("filename", str(path))
+    return ET.tostring(root, encoding="unicode"), kept, missing
+
+
+def _mesh_file(name: str, urdf: Path) -> Path | None:
+    """The file behind a mesh name: package:// is looked for in ROS_PACKAGE_PATH and in the folders above the URDF."""
+    if not name.startswith("package://"):
+        path = urdf.resolve().parent / name.removeprefix("file://")
+        return path if path.is_file() else None
+    inside = name.removeprefix("package://")
+    above = list(urdf.resolve().parents)
+    known = [Path(entry) for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if entry]
+    for folder in (*known, *above):
+        # a package's own folder may bear another name than the package
+        for path in (folder / inside, folder / inside.partition("/")[2]):
+            if path.is_file():
+                return path
+    return None
+
+
+def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Callable[[Array], bool] | None:
+    """A test of all pairs of shapes on links that are no neighbours and do not overlap by construction."""
+    shapes = geometry.geometryObjects
+    for a in range(len(shapes)):
+        for b in range(a + 1, len(shapes)):
+            one, two = shapes[a].parentJoint, shapes[b].parentJoint
+            if one != two and model.parents[one] != two and model.parents[two] != one:
+                geometry.addCollisionPair(pin.CollisionPair(a, b))
+    if not len(geometry.collisionPairs):
+        return None
+    names = [model.joints[model.getJointId(name)] for name in chain.names]
+    data, found = model.createData(), geometry.createData()
+
+    def configuration(q: Array) -> Array:
+        full = np.array(pin.neutral(model))
+        for joint, value in zip(names, q, strict=True):
+            full[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+        return full
+
+    low, high = chain.limits.T
+    trials = low + (high - low) * np.random.default_rng(0).random((_TRIALS, chain.n))
+    hits = np.zeros(len(geometry.collisionPairs))
+    for q in trials:
+        pin.computeCollisions(model, data, geometry, found, configuration(q), False)
+        hits += [result.isCollision() for result in found.collisionResults]
+    for index in np.flatnonzero(hits >= _ALWAYS * _TRIALS):
+        found.deactivateCollisionPair(int(index))
+
+    def touches(q: Array) -> bool:
+        return bool(pin.computeCollisions(model, data, geometry, found, configuration(q), True))
+
+    return touches
