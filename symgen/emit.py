@@ -1,0 +1,230 @@
+"""Factoring -> files for use: CasADi functions, the same as plain C99, and the URDF's own constants.
+
+What is written depends on the input alone: no time, no path, every constant rounded to 14 digits, everything in a fixed
+order. The caller hands in a directory of its own and moves the files when all are there.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import unicodedata
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from symgen import equations, typeset
+from symgen.basis import Factoring
+from symgen.formula import Formula, alpha_cad, alpha_formulas, named_lengths, rounded
+from symgen.graph import inertia_graph
+
+if TYPE_CHECKING:
+    from symgen.plan import Plan
+
+#: Length at which a robot's name is cut in identifiers and file names.
+_LONGEST_NAME = 48
+
+#: What each function takes and, of the C function, the shape of the result in memory (row by row).
+_INPUTS = {
+    "J_diag": ("q", "alpha"),
+    "J": ("q", "alpha"),
+    "C_rows": ("q",),
+    "dJ_dq": ("q", "alpha"),
+    "regressor": ("q",),
+}
+_C_SHAPES = {
+    "J_diag": ("N",),
+    "J": ("N", "N"),
+    "C_rows": ("N", "D_DIAG"),
+    "dJ_dq": ("N", "N", "N"),
+    "regressor": ("N", "N", "D"),
+}
+_C_MEANING = {
+    "J_diag": "J_diag[i]: inertia that joint i feels, the other joints held",
+    "J": "J[i][j]: the inertia matrix, symmetric",
+    "C_rows": "C_rows[i][k]: J_diag[i] is the sum over k of C_rows[i][k] alpha[k]",
+    "dJ_dq": "dJ_dq[k][i][j]: derivative of J[i][j] with respect to q[k]",
+    "regressor": "regressor[i][j][k]: J[i][j] is the sum over k of regressor[i][j][k] alpha[k]",
+}
+
+
+def write_all(plan: Plan, directory: Path) -> list[str]:
+    """Writes all that symgen has to say of an arm into `directory`; returns the file names.
+
+    `plan.json`, `equations.md`, `equations.tex`, and what `write_functions` writes. Raises OSError.
+    """
+    factoring, name = plan.model.factoring, plan.model.chain.name
+    formulas = alpha_formulas(factoring)
+    blocks = equations.document(factoring, plan.document, formulas)
+    texts = {"equations.md": typeset.markdown(blocks), "equations.tex": typeset.latex(blocks)}
+    plan.write(directory / "plan.json")
+    for file, text in texts.items():
+        (directory / file).write_text(text, encoding="utf-8")
+    return ["plan.json", *texts, *write_functions(factoring, directory, name, formulas)]
+
+
+def write_functions(
+    factoring: Factoring, directory: Path, robot_name: str, formulas: Sequence[Formula] | None = None
+) -> list[str]:
+    """Writes the functions of one arm into `directory`; returns the file names.
+
+    One `<function>.casadi` for each of `functions`, `alpha_cad.json` (names, value, unit, formula of the D constants and
+    the lengths the formulas speak of), `symgen_<robot>.c` and `.h` with <robot> = `identifier(robot_name)`. `formulas` saves
+    deriving them again. Raises OSError.
+    """
+    directory = Path(directory)
+    expressions = _expressions(factoring)
+    robot = identifier(robot_name)
+    texts = {
+        "alpha_cad.json": _constants(factoring, robot_name, formulas or alpha_formulas(factoring)),
+        f"symgen_{robot}.h": _header(factoring, robot, robot_name),
+        f"symgen_{robot}.c": _source(factoring, robot, expressions),
+    }
+    for name, text in texts.items():
+        (directory / name).write_text(text, encoding="utf-8")
+    for name, function in functions(factoring, expressions).items():
+        function.save(str(directory / f"{name}.casadi"))
+    return [*texts, *(f"{name}.casadi" for name in _INPUTS)]
+
+
+def functions(factoring: Factoring, expressions: Mapping[str, Any] | None = None) -> dict[str, ca.Function]:
+    """Returns the CasADi functions of an arm by name, all results dense.
+
+    `J_diag` (q [n], alpha [D]) -> [n]; `J` (q, alpha) -> [n, n]; `C_rows` (q) -> [n, d], row i times alpha[:d] is J_ii;
+    `dJ_dq` (q, alpha) -> [n, n n], the matrices dJ/dq_1, dJ/dq_2, .. side by side; `regressor` (q) -> [n n, D], times
+    alpha it is J column by column. q in rad or m, alpha in the units of `factoring.alphas`.
+    """
+    expressions = expressions or _expressions(factoring)
+    return {name: _function(name, name, expressions, expressions[name]) for name in _INPUTS}
+
+
+def identifier(name: str) -> str:
+    """Returns a C identifier (and file name) for a robot's name: ASCII letters, digits and single underscores."""
+    ascii_name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    word = re.sub(r"[^A-Za-z0-9]+", "_", ascii_name)[:_LONGEST_NAME].strip("_")
+    return word if word and not word[0].isdigit() else f"robot_{word}".rstrip("_")
+
+
+def _expressions(factoring: Factoring) -> dict[str, Any]:
+    """The symbols q and alpha and the result of each function over them."""
+    graph, n = inertia_graph(factoring), factoring.chain.n
+    flat, diagonal = ca.vec(graph.J), ca.diag(graph.J)
+    return {
+        "q": graph.q,
+        "alpha": graph.alpha,
+        "J_diag": diagonal,
+        "J": graph.J,
+        "C_rows": ca.jacobian(diagonal, graph.alpha)[:, : factoring.d],
+        "dJ_dq": ca.reshape(ca.jacobian(flat, graph.q), n, n * n),
+        "regressor": ca.jacobian(flat, graph.alpha),
+    }
+
+
+def _function(label: str, name: str, expressions: Mapping[str, Any], result: Any) -> ca.Function:
+    inputs = list(_INPUTS[name])
+    return ca.Function(label, [expressions[key] for key in inputs], [ca.densify(result)], inputs, [name])
+
+
+def _constants(factoring: Factoring, robot_name: str, formulas: Sequence[Formula]) -> str:
+    document = {
+        "robot": robot_name,
+        "urdf_sha256": factoring.chain.sha256,
+        "names": list(factoring.names),
+        "value": alpha_cad(factoring),
+        "unit": [alpha.unit for alpha in factoring.alphas],
+        "formula": [formula.text for formula in formulas],
+        "lengths": {symbol.text: rounded(length.value) for symbol, length in named_lengths(factoring.chain).items()},
+    }
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+# C -------------------------------------------------------------------------------------------------------------------
+
+
+def _source(factoring: Factoring, robot: str, expressions: Mapping[str, Any]) -> str:
+    """The C file: what CasADi generates, and functions with plain arrays around it."""
+    generator = ca.CodeGenerator(f"symgen_{robot}.c", {"with_header": False, "with_export": False})
+    wrappers = []
+    for name, inputs in _INPUTS.items():
+        by_rows = name in ("C_rows", "regressor")  # CasADi stores columns; the others are symmetric or vectors
+        result = expressions[name].T if by_rows else expressions[name]
+        function = _function(f"{robot}_{name}_graph", name, expressions, result)
+        generator.add(function, False)
+        first = "[0]" * (len(_C_SHAPES[name]) - 1)
+        wrappers.append(
+            f"{_signature(robot, name)}\n{{\n"
+            f"  const double *arg[{function.sz_arg()}];\n  double *res[{function.sz_res()}];\n"
+            + "".join(f"  arg[{k}] = {key};\n" for k, key in enumerate(inputs))
+            + f"  res[0] = {name}{first};\n  {robot}_{name}_graph(arg, res, 0, 0, 0);\n}}\n"
+        )
+    values = "".join(f"  {value!r},\n" for value in alpha_cad(factoring))
+    macro = robot.upper()
+    constants = f"const double {robot}_alpha_cad[{macro}_D] = {{\n{values}}};\n"
+    include = f'#include "symgen_{robot}.h"\n'
+    return "\n".join([_banner(factoring, robot), include, generator.dump().strip() + "\n", constants, *wrappers])
+
+
+def _signature(robot: str, name: str) -> str:
+    macro = robot.upper()
+    sizes = {"q": f"[{macro}_N]", "alpha": f"[{macro}_D]"}
+    arguments = [f"const double {key}{sizes[key]}" for key in _INPUTS[name]]
+    result = "".join(f"[{macro}_{size}]" for size in _C_SHAPES[name])
+    return f"void {robot}_{name}({', '.join(arguments)}, double {name}{result})"
+
+
+def _banner(factoring: Factoring, robot_name: str) -> str:
+    return (
+        f"/* Inertia matrix J(q) of the robot {_comment(robot_name)}.\n"
+        f" * Written by symgen {version('symgen')} with CasADi {ca.CasadiMeta.version()}"
+        f" from the URDF with SHA-256\n * {_comment(factoring.chain.sha256) or 'unknown'}\n"
+        " * Written by a program: change the URDF, not this file. */\n"
+    )
+
+
+def _comment(text: str) -> str:
+    """Text that can not end or break a C comment."""
+    return re.sub(r"[^A-Za-z0-9_. +-]", "_", unicodedata.normalize("NFKD", text).encode("ascii", "replace").decode())
+
+
+def _header(factoring: Factoring, robot: str, robot_name: str) -> str:
+    """The C header: sizes, names of the constants, the functions."""
+    chain, macro = factoring.chain, robot.upper()
+    joints = "".join(
+        f" *   q[{k}]  {_comment(joint.name)}, {joint.type}, {'rad' if joint.type == 'revolute' else 'm'}\n"
+        for k, joint in enumerate(chain.joints)
+    )
+    names = "".join(
+        f"  {macro}_{alpha.name.upper()} = {k}{',' if k + 1 < len(factoring.alphas) else ''} /* {alpha.unit} */\n"
+        for k, alpha in enumerate(factoring.alphas)
+    )
+    declarations = "".join(f"/* {_C_MEANING[name]} */\n{_signature(robot, name)};\n\n" for name in _INPUTS)
+    return f"""{_banner(factoring, robot_name)}
+#ifndef SYMGEN_{macro}_H
+#define SYMGEN_{macro}_H
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+/* Joints, base to tip:
+{joints} */
+#define {macro}_N {chain.n}       /* joints */
+#define {macro}_D {len(factoring.alphas)}       /* constants alpha of all of J */
+#define {macro}_D_DIAG {factoring.d}  /* the first of them: all that the diagonal of J depends on */
+
+/* Place of each constant in alpha, and its unit. Formulas: alpha_cad.json. */
+enum {robot}_alpha {{
+{names}}};
+
+/* The constants of the URDF's own masses and inertias. */
+extern const double {robot}_alpha_cad[{macro}_D];
+
+{declarations}#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
