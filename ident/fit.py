@@ -31,6 +31,8 @@ UNTOLD = 0.5
 RANK_TOLERANCE = 1e-10
 #: A fit leaves its start by no more than these factors (logarithms): masses and stiffness 400, dampings a million.
 REACH = np.array([6.0, 6.0, 6.0, 14.0, 14.0])
+#: Residual of a trial step that can not be computed: more than any measured one, and its square is still a number.
+REFUSED = 1e100
 #: Two decades of damping ratio around this cover gears from good to worn; only a start value.
 START_DAMPING = 0.01
 
@@ -142,7 +144,7 @@ def two_mass(frf: Frf, N: float, fs: float, hold: str, start: ArrayLike | None =
         p, c, success = _least_squares(guess, f, G, sigma, N, fs, hold)
         if c < cost:
             best, cost, converged = p, c, success
-        if cost / dof <= limit:
+        if converged and cost / dof <= limit:
             break
     _, dH = _response(best, f, N, fs, hold)
     covariance, condition = _covariance(np.sqrt(2.0) * dH / sigma[:, None], best)
@@ -264,8 +266,9 @@ def _least_squares(
         return np.append(np.exp(np.clip(x[:5], x0[:5] - REACH, x0[:5] + REACH)), x[5] * K)
 
     def residual(x: Array) -> Array:
-        r = scale * (_response(parameters(x), f, N, fs, hold)[0] - G)
-        return np.concatenate([r.real, r.imag])
+        with np.errstate(all="ignore"):  # a trial step to a stiffness beyond numbers is refused for its size
+            r = scale * (_response(parameters(x), f, N, fs, hold)[0] - G)
+        return np.nan_to_num(np.concatenate([r.real, r.imag]), nan=REFUSED, posinf=REFUSED, neginf=REFUSED)
 
     def jacobian(x: Array) -> Array:
         p = parameters(x)

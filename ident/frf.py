@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
+from scipy.stats import gamma
 
 from ident.campaign import Array, Campaign, Record
 from ident.errors import CampaignError
@@ -25,10 +27,10 @@ Complex = NDArray[np.complex128]
 BINS, ORDER = 10, 3
 #: Degrees of freedom wanted for a variance: an estimate then scatters by sqrt(2/60) = 18 %.
 DOF_WANTED = 60
-#: Probability of calling settled noise a transient, over all tests on one record.
+#: Probability of calling noise a transient, or a distortion, over all tests on one record.
 FALSE_ALARM = 1e-3
 #: Lines judged together when a transient is looked for; it is also looked for in all lines at once.
-GROUP = 30
+GROUP = 10
 #: A mean posture further than this from the declared one, rad or m, is reported: J(q) may be off by about 2 %.
 POSTURE_TOLERANCE = 0.02
 #: A mean that moves by more than this over the kept periods, rad or m, is reported: J(q) is constant to 0.5 % only.
@@ -54,15 +56,16 @@ class Detection:
     def distortion(self, odd: bool, low: float = 0.0, high: float = np.inf) -> Array:
         """Returns the rms level [n] of the odd or even lines in [low, high] Hz with the noise power taken off.
 
-        Zero for a joint whose level does not stand out of its noise by three standard deviations.
+        Zero for a joint whose lines together do not stand out of their noise (chance: `FALSE_ALARM`).
         """
         chosen = (self.odd == odd) & (self.frequencies >= low) & (self.frequencies <= high)
         if not chosen.any():
             return np.zeros(self.level.shape[1])
-        noise = self.noise[chosen] ** 2
-        power = np.mean(self.level[chosen] ** 2 - noise, axis=0)
-        scatter = np.sqrt(np.sum(noise**2, axis=0)) / chosen.sum()
-        return np.where(power > 3.0 * scatter, np.sqrt(np.maximum(power, 0.0)), 0.0)
+        level, noise = self.level[chosen] ** 2, self.noise[chosen] ** 2
+        R = BINS - ORDER  # level / noise is F(2, 2R) distributed, minus the logarithm of its tail exponential
+        tail = R * np.log1p(np.divide(level, R * noise, out=np.zeros_like(level), where=noise > 0.0)).sum(axis=0)
+        found = tail > gamma.isf(FALSE_ALARM, len(level))
+        return np.where(found, np.sqrt(np.maximum(np.mean(level - noise, axis=0), 0.0)), 0.0)
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,7 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
             f"record {record.id}: line {silent[0]} is listed as excited, but {record.excited} has no torque there"
         )
     periods = kept.reshape(M, S, 2 * n)
-    floor = _quantisation(step, periods[:, :, n:])
+    floor = _quantisation(step, periods[:, :, n:], bool(np.all(lines % 2)))
     spacing = int(np.median(np.diff(lines))) if len(lines) > 1 else 1
     width, dof = _averaging(len(lines), spacing * (M - 1))
     variance = _variance(
@@ -223,37 +226,31 @@ def _encoder_step(theta: Array) -> Array:
 def _settle(record: Record, band: NDArray[np.int64], floor: Array) -> tuple[int, bool]:
     """Returns the first settled period and whether that could be tested and was passed, from the angles of all joints.
 
-    Going backwards, a period joins the settled ones as long as (a) it differs from their mean, and (b) the enlarged set
-    shows a trend, by no more than the noise, which is what remains of the set without these contrasts. Per line the
-    ratio of powers is F(2, 2k) distributed, so that k log(1 + |contrast|^2 / rest) is exponential whatever the line's
-    own noise level. The mean over lines is compared with the exponential distribution, as if it were one line: slow
-    noise leaks into all lines alike. `floor` [n] is the quantisation variance of one line of one period.
+    Going backwards, a period joins the settled ones as long as it and its successor differ, leakage taken off, by no
+    more noise than the pairs after them. Slow noise and the smooth part of a transient leak into all lines alike and are
+    taken off with the leakage; what is left of a transient or a disturbance is not. Power ratios of a line are
+    F distributed; their geometric mean over a few lines, or all, is compared with that distribution as if it were one
+    line, because the lines share bins. `floor` [n] is the quantisation variance of a line of one period.
     """
     P, S = record.periods, record.samples_per_period
-    angles = (record.theta - record.theta[0]).reshape(P, S, -1)
-    theta = np.fft.rfft(angles, axis=1)[:, band] * (2.0 / S)
     groups = max(len(band) // GROUP, 1)
-    threshold = 1.0 - np.log(FALSE_ALARM / (2 * P * (groups + 1) * angles.shape[2]))
-    negligible = (ROUNDING * np.abs(theta).max(axis=(0, 1))) ** 2
-    for start in range(P - 3, -1, -1):
-        X = theta[start:]
-        m, k = P - start, P - start - 2
-        ahead = np.r_[-1.0, np.full(m - 1, 1.0 / (m - 1))]
-        trend = np.arange(m) - (m - 1) / 2.0
-        for contrast in (ahead, trend):
-            power = np.abs(np.einsum("m,mfn->fn", contrast / np.linalg.norm(contrast), X)) ** 2
-            rest = np.sum(np.abs(X - X.mean(axis=0)) ** 2, axis=0) - power
-            noise = np.maximum(rest, k * floor + negligible)
-            evidence = k * np.log1p(np.divide(power, noise, out=np.zeros_like(power), where=noise > 0.0))
-            judged = [evidence, *np.array_split(evidence, groups)]
-            if max(part.mean(axis=0).max() for part in judged) > threshold:
+    dof = 2 * (BINS - ORDER)
+    limit = np.log(f_distribution.isf(FALSE_ALARM / (P * (groups + 1) * record.theta.shape[1]), dof, dof))
+    later: list[Array] = []
+    for start in range(P - 2, -1, -1):
+        mean, noise = _between_lines(record.theta[start * S : (start + 2) * S], 2, band)
+        power = np.mean(np.abs(noise) ** 2, axis=0) + floor + (ROUNDING * np.abs(mean).max(axis=0)) ** 2
+        power = np.maximum(power, np.finfo(float).tiny)  # a rigid joint
+        if later:
+            ratio = np.log(power) - np.log(np.mean(later, axis=0))
+            if max(part.mean(axis=0).max() for part in (ratio, *np.array_split(ratio, groups))) > limit:
                 return start + 1, start < P - 3
+        later.append(power)
     return 0, P > 2
 
 
 def _between_lines(kept: Array, M: int, band: NDArray[np.int64]) -> tuple[Complex, Complex]:
-    """Returns the spectrum of `kept` [M S, c] at the lines `band` [F] with leakage taken off [F, c], and its errors [R,
-    F, c].
+    """Returns the spectrum of `kept` [M S, c] at lines `band` [F], leakage taken off [F, c], and its errors [R, F, c].
 
     Over M periods, line k is bin k M; the bins between lines hold noise and the leakage of whatever differs between the
     two ends of the record. A parabola through the nearest BINS of them (line bins left out, excited or not) is the
@@ -268,9 +265,9 @@ def _between_lines(kept: Array, M: int, band: NDArray[np.int64]) -> tuple[Comple
     offsets = bins - (band * M)[:, None]
     mean = spectrum[band * M]
     errors = np.empty((BINS - ORDER, *mean.shape), dtype=complex)
-    patterns, member = np.unique(offsets, axis=0, return_inverse=True)
-    for p, pattern in enumerate(patterns):
-        at = np.flatnonzero(member == p)
+    for begin in np.unique(offsets[:, 0]):  # one design for most lines, others at the ends of the spectrum
+        at = np.flatnonzero(offsets[:, 0] == begin)
+        pattern = offsets[at[0]]
         Q, R = np.linalg.qr((pattern[:, None] / np.abs(pattern).max()) ** np.arange(ORDER), mode="complete")
         at_line = Q[:, :ORDER] @ np.linalg.inv(R[:ORDER]).T[:, 0]
         window = spectrum[bins[at]]
@@ -286,15 +283,16 @@ def _averaging(L: int, bins_per_line: int) -> tuple[int, float]:
     return width, 2.0 * (BINS - ORDER) * (1.0 + (width - 1) * min(BINS, bins_per_line) / BINS)
 
 
-def _quantisation(step: Array, angles: Array) -> Array:
+def _quantisation(step: Array, angles: Array, odd: bool) -> Array:
     """Returns the quantisation variance [n, rad^2] of a line of the mean of `angles` [M, S, n]: step^2/12 over the DFT.
 
     E|X|^2 = 4/S * step^2/12 in peak amplitudes. Averaging over periods helps only when noise moves the angle across
-    encoder steps from one period to the next; otherwise the error repeats in every period.
+    encoder steps from one period to the next; otherwise the error repeats in every period, and with an `odd` excitation
+    (half-wave symmetric, all lines odd) it may gather on the odd lines: twice the power.
     """
     M, S, _ = angles.shape
     moved = np.sqrt(np.mean(np.var(angles, axis=0, ddof=1), axis=0))
-    return np.where(moved > step, 1.0 / M, 1.0) * step**2 / (3.0 * S)
+    return np.where(moved > step, 1.0 / M, 2.0 if odd else 1.0) * step**2 / (3.0 * S)
 
 
 def moving_average(values: NDArray[Any], width: int) -> NDArray[Any]:
