@@ -85,6 +85,7 @@ def alpha_cad(factoring: Factoring) -> list[float]:
 
 def number(value: float) -> str:
     """Returns a coefficient for people: whole numbers as such, others with at most 6 significant digits."""
+    value = float(f"{value:.12g}")  # 0.4296875 is a tie in the sixth digit: let no last bit decide it
     return str(round(value)) if value == round(value) and abs(value) < 1e6 else f"{value:.6g}"
 
 

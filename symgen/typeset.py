@@ -56,7 +56,8 @@ LINE = 84
 
 def code(name: str) -> str:
     """Returns a name from a file as code that neither Markdown nor LaTeX can take for markup."""
-    return "`" + re.sub(r"[`|$<>\\]|\s+|[^ -\U0010ffff]", " ", name).strip() + "`"
+    clean = re.sub(r"[`|$<>\\]|\s+|[^ -\U0010ffff]", " ", name).strip()
+    return f"`{clean or '?'}`"
 
 
 def width(math: str) -> int:
@@ -136,7 +137,6 @@ _SPECIAL = {character: "\\" + character for character in "&%$#_{}"} | {
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
     "\\": r"\textbackslash{}",
-    "…": r"\dots{}",
 }
 
 

@@ -161,6 +161,14 @@ def test_the_plan_is_listed() -> None:
     assert "| `joint1` | spare | 0, 1.25, -2 |" in md
 
 
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_the_last_bit_of_the_processor_does_not_show(name: str) -> None:
+    factoring, rng = factoring_of(name), np.random.default_rng(0)
+    noisy = {pair: S * (1.0 + 2e-16 * rng.integers(-1, 2, S.shape)) for pair, S in factoring.S.items()}
+    assert any((noisy[pair] != S).any() for pair, S in factoring.S.items())
+    assert equations_md(replace(factoring, S=noisy)) == equations_md(factoring)
+
+
 HOSTILE = "a|b`c$d<script>\\x\n% #_{}~^&é机"
 
 
