@@ -10,6 +10,7 @@ import json
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,28 +28,28 @@ if TYPE_CHECKING:
 #: Length at which a robot's name is cut in identifiers and file names.
 _LONGEST_NAME = 48
 
-#: What each function takes and, of the C function, the shape of the result in memory (row by row).
-_INPUTS = {
-    "J_diag": ("q", "alpha"),
-    "J": ("q", "alpha"),
-    "C_rows": ("q",),
-    "dJ_dq": ("q", "alpha"),
-    "regressor": ("q",),
+
+@dataclass(frozen=True)
+class _Emitted:
+    """A function: what it takes; of its C form the shape of the result, row by row, and what it says there."""
+
+    inputs: tuple[str, ...]
+    shape: tuple[str, ...]
+    meaning: str
+
+
+_FUNCTIONS = {
+    "J_diag": _Emitted(("q", "alpha"), ("N",), "J_diag[i]: inertia that joint i feels, the other joints held"),
+    "J": _Emitted(("q", "alpha"), ("N", "N"), "J[i][j]: the inertia matrix, symmetric"),
+    "C_rows": _Emitted(("q",), ("N", "D_DIAG"), "C_rows[i][k]: J_diag[i] is the sum over k of C_rows[i][k] alpha[k]"),
+    "dJ_dq": _Emitted(("q", "alpha"), ("N", "N", "N"), "dJ_dq[k][i][j]: derivative of J[i][j] with respect to q[k]"),
+    "regressor": _Emitted(
+        ("q",), ("N", "N", "D"), "regressor[i][j][k]: J[i][j] is the sum over k of regressor[i][j][k] alpha[k]"
+    ),
 }
-_C_SHAPES = {
-    "J_diag": ("N",),
-    "J": ("N", "N"),
-    "C_rows": ("N", "D_DIAG"),
-    "dJ_dq": ("N", "N", "N"),
-    "regressor": ("N", "N", "D"),
-}
-_C_MEANING = {
-    "J_diag": "J_diag[i]: inertia that joint i feels, the other joints held",
-    "J": "J[i][j]: the inertia matrix, symmetric",
-    "C_rows": "C_rows[i][k]: J_diag[i] is the sum over k of C_rows[i][k] alpha[k]",
-    "dJ_dq": "dJ_dq[k][i][j]: derivative of J[i][j] with respect to q[k]",
-    "regressor": "regressor[i][j][k]: J[i][j] is the sum over k of regressor[i][j][k] alpha[k]",
-}
+
+#: Results that CasADi, which stores columns, has to transpose for C; the others are symmetric or vectors.
+_BY_ROWS = ("C_rows", "regressor")
 
 
 def write_all(plan: Plan, directory: Path) -> list[str]:
@@ -87,7 +88,7 @@ def write_functions(
         (directory / name).write_text(text, encoding="utf-8")
     for name, function in functions(factoring, expressions).items():
         function.save(str(directory / f"{name}.casadi"))
-    return [*texts, *(f"{name}.casadi" for name in _INPUTS)]
+    return [*texts, *(f"{name}.casadi" for name in _FUNCTIONS)]
 
 
 def functions(factoring: Factoring, expressions: Mapping[str, Any] | None = None) -> dict[str, ca.Function]:
@@ -98,7 +99,7 @@ def functions(factoring: Factoring, expressions: Mapping[str, Any] | None = None
     alpha it is J column by column. q in rad or m, alpha in the units of `factoring.alphas`.
     """
     expressions = expressions or _expressions(factoring)
-    return {name: _function(name, name, expressions, expressions[name]) for name in _INPUTS}
+    return {name: _function(name, name, expressions, expressions[name]) for name in _FUNCTIONS}
 
 
 def identifier(name: str) -> str:
@@ -124,7 +125,7 @@ def _expressions(factoring: Factoring) -> dict[str, Any]:
 
 
 def _function(label: str, name: str, expressions: Mapping[str, Any], result: Any) -> ca.Function:
-    inputs = list(_INPUTS[name])
+    inputs = list(_FUNCTIONS[name].inputs)
     return ca.Function(label, [expressions[key] for key in inputs], [ca.densify(result)], inputs, [name])
 
 
@@ -148,16 +149,15 @@ def _source(factoring: Factoring, robot: str, expressions: Mapping[str, Any]) ->
     """The C file: what CasADi generates, and functions with plain arrays around it."""
     generator = ca.CodeGenerator(f"symgen_{robot}.c", {"with_header": False, "with_export": False})
     wrappers = []
-    for name, inputs in _INPUTS.items():
-        by_rows = name in ("C_rows", "regressor")  # CasADi stores columns; the others are symmetric or vectors
-        result = expressions[name].T if by_rows else expressions[name]
+    for name, emitted in _FUNCTIONS.items():
+        result = expressions[name].T if name in _BY_ROWS else expressions[name]
         function = _function(f"{robot}_{name}_graph", name, expressions, result)
         generator.add(function, False)
-        first = "[0]" * (len(_C_SHAPES[name]) - 1)
+        first = "[0]" * (len(emitted.shape) - 1)
         wrappers.append(
             f"{_signature(robot, name)}\n{{\n"
             f"  const double *arg[{function.sz_arg()}];\n  double *res[{function.sz_res()}];\n"
-            + "".join(f"  arg[{k}] = {key};\n" for k, key in enumerate(inputs))
+            + "".join(f"  arg[{k}] = {key};\n" for k, key in enumerate(emitted.inputs))
             + f"  res[0] = {name}{first};\n  {robot}_{name}_graph(arg, res, 0, 0, 0);\n}}\n"
         )
     values = "".join(f"  {value!r},\n" for value in alpha_cad(factoring))
@@ -170,8 +170,8 @@ def _source(factoring: Factoring, robot: str, expressions: Mapping[str, Any]) ->
 def _signature(robot: str, name: str) -> str:
     macro = robot.upper()
     sizes = {"q": f"[{macro}_N]", "alpha": f"[{macro}_D]"}
-    arguments = [f"const double {key}{sizes[key]}" for key in _INPUTS[name]]
-    result = "".join(f"[{macro}_{size}]" for size in _C_SHAPES[name])
+    arguments = [f"const double {key}{sizes[key]}" for key in _FUNCTIONS[name].inputs]
+    result = "".join(f"[{macro}_{size}]" for size in _FUNCTIONS[name].shape)
     return f"void {robot}_{name}({', '.join(arguments)}, double {name}{result})"
 
 
@@ -200,7 +200,7 @@ def _header(factoring: Factoring, robot: str, robot_name: str) -> str:
         f"  {macro}_{alpha.name.upper()} = {k}{',' if k + 1 < len(factoring.alphas) else ''} /* {alpha.unit} */\n"
         for k, alpha in enumerate(factoring.alphas)
     )
-    declarations = "".join(f"/* {_C_MEANING[name]} */\n{_signature(robot, name)};\n\n" for name in _INPUTS)
+    declarations = "".join(f"/* {f.meaning} */\n{_signature(robot, name)};\n\n" for name, f in _FUNCTIONS.items())
     return f"""{_banner(factoring, robot_name)}
 #ifndef SYMGEN_{macro}_H
 #define SYMGEN_{macro}_H
@@ -211,9 +211,9 @@ extern "C" {{
 
 /* Joints, base to tip:
 {joints} */
-#define {macro}_N {chain.n}       /* joints */
-#define {macro}_D {len(factoring.alphas)}       /* constants alpha of all of J */
-#define {macro}_D_DIAG {factoring.d}  /* the first of them: all that the diagonal of J depends on */
+#define {macro}_N {chain.n} /* joints */
+#define {macro}_D {len(factoring.alphas)} /* constants alpha of all of J */
+#define {macro}_D_DIAG {factoring.d} /* the first of them: all that the diagonal of J depends on */
 
 /* Place of each constant in alpha, and its unit. Formulas: alpha_cad.json. */
 enum {robot}_alpha {{

@@ -16,6 +16,7 @@ from symgen.chain import REVOLUTE
 from symgen.formula import Formula, alpha_cad, alpha_formulas, named_lengths, number
 from symgen.geometry import at_right_angles
 from symgen.notation import (
+    Term,
     alpha_latex,
     angle_subscript,
     angle_sum,
@@ -28,7 +29,7 @@ from symgen.notation import (
     subscript,
     terms,
 )
-from symgen.typeset import Block, Display, Fold, Heading, Table, Text, code, inline, latex, markdown, wrapped
+from symgen.typeset import Block, Display, Fold, Heading, Table, Text, code, inline, latex, markdown, width, wrapped
 
 #: Sums of more terms than this are grouped by constant and folded.
 _LONG = 60
@@ -36,8 +37,8 @@ _LONG = 60
 #: Of one constant's functions in a long sum this many are printed.
 _SHOWN = 8
 
-#: A row C_i with up to this many terms is printed as a row, a longer one as a list.
-_ROW = 16
+#: A row C_i that prints up to this many characters is printed as a row, a longer one as a list.
+_ROW = 70
 
 #: Matrices up to this many joints are printed as matrices.
 _MATRIX = 10
@@ -88,8 +89,9 @@ def _robot(factoring: Factoring) -> Iterator[Block]:
     yield Table(("joint", "name", "type", "coordinate", "link behind it"), tuple(rows), (0, 0.3, 0, 0, 0.3))
     if factoring.believed:
         yield Text(
-            f"Believed to be exactly zero, because the URDF says so: {_listed(factoring.believed)}. If a real link is not "
-            "as symmetric as its file, the equations below lack terms."
+            f"Believed to be exactly zero, because the URDF says so: {_listed(factoring.believed)} (mx .. first "
+            "moments, Lxx .. inertias about the origin of the link frame). If a real link is not as symmetric as its file, "
+            "the equations below lack terms."
         )
     else:
         yield Text("No inertial parameter is believed to be zero: the equations hold for any bodies on these joints.")
@@ -223,25 +225,30 @@ def _sum(left: str, lines: Sequence[str]) -> Display:
 def _rows(factoring: Factoring) -> Iterator[Block]:
     yield Heading(2, "Rows C_i of eq. (10)")
     for i in reversed(range(factoring.chain.n)):
-        members = terms(factoring, i, i)
-        groups = by_constant(members)
+        groups = by_constant(terms(factoring, i, i))
         name = f"C{subscript([i + 1])}"
-        if len(members) <= _ROW:
-            row = " & ".join(" ".join(functions(factoring, i, i, group)) for group in groups.values())
-            column = r" \\ ".join(alpha_latex(factoring.names[k]) for k in groups)
-            product = rf"\begin{{bmatrix}} {row} \end{{bmatrix}} \begin{{bmatrix}} {column} \end{{bmatrix}}"
-            yield Display((rf"{entry_latex(i, i)} = {name}(q) \, \alpha = {product}",))
-        elif len(members) <= _LONG and factoring.entries[i, i].complete:
-            lines: list[str] = []
-            for k, group in groups.items():
-                line = wrapped(functions(factoring, i, i, group))
-                line[0] = f"{alpha_latex(factoring.names[k])} &: {line[0]}"
-                lines += [line[0], *(rf"&\quad {rest}" for rest in line[1:])]
-            title = f"C_{i + 1}: what multiplies each of {len(groups)} constants in {entry_text(i, i)}"
-            yield Fold(title, (Display(tuple(lines)),))
-        else:
+        if not factoring.entries[i, i].complete or sum(map(len, groups.values())) > _LONG:
             where = f"the {len(groups)} brackets of ${entry_latex(i, i)}$ above"
             yield Text(f"${name}$: {where}; `C_rows.casadi` holds all of them.")
+        else:
+            yield _row(factoring, i, name, groups)
+
+
+def _row(factoring: Factoring, i: int, name: str, groups: Mapping[int, Sequence[Term]]) -> Block:
+    """C_i as a row where it fits in a line, else as a list of what multiplies each constant."""
+    cells = [functions(factoring, i, i, group) for group in groups.values()]
+    constants = [alpha_latex(factoring.names[k]) for k in groups]
+    row = " & ".join(" ".join(cell) for cell in cells)
+    if width(row) + 3 * len(cells) <= _ROW:
+        column = r" \\ ".join(constants)
+        product = rf"\begin{{bmatrix}} {row} \end{{bmatrix}} \begin{{bmatrix}} {column} \end{{bmatrix}}"
+        return Display((rf"{entry_latex(i, i)} = {name}(q) \, \alpha = {product}",))
+    lines: list[str] = []
+    for constant, cell in zip(constants, cells, strict=True):
+        first, *rest = wrapped(cell)
+        lines += [f"{constant} &: {first}", *(rf"&\quad {line}" for line in rest)]
+    title = f"C_{i + 1}: what multiplies each of {len(groups)} constants in {entry_text(i, i)}"
+    return Fold(title, (Display(tuple(lines)),))
 
 
 def _constants(factoring: Factoring, formulas: Sequence[Formula]) -> Iterator[Block]:
@@ -267,7 +274,7 @@ def _constants(factoring: Factoring, formulas: Sequence[Formula]) -> Iterator[Bl
         )
         for alpha, value, formula in zip(factoring.alphas, alpha_cad(factoring), formulas, strict=True)
     )
-    yield Table(("constant", "unit", "CAD value", "first shown by", "formula"), constants, (0, 0, 0, 0.2, 0.42))
+    yield Table(("constant", "unit", "CAD value", "first shown by", "formula"), constants, (0, 0, 0, 0.22, 0.4))
 
 
 def _plan(factoring: Factoring, summary: Mapping[str, Any] | None) -> Iterator[Block]:
