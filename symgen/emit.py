@@ -20,7 +20,7 @@ import casadi as ca
 from symgen import equations, typeset
 from symgen.basis import Factoring
 from symgen.formula import Formula, alpha_cad, alpha_formulas, named_lengths, rounded
-from symgen.graph import inertia_graph
+from symgen.graph import inertia_graph, trigonometric_graph
 
 if TYPE_CHECKING:
     from symgen.plan import Plan
@@ -100,6 +100,16 @@ def functions(factoring: Factoring, expressions: Mapping[str, Any] | None = None
     """
     expressions = expressions or _expressions(factoring)
     return {name: _function(name, name, expressions, expressions[name]) for name in _FUNCTIONS}
+
+
+def trigonometric_functions(factoring: Factoring) -> dict[str, ca.Function]:
+    """Returns `J_diag` and `J` as in `functions`, but summed monomial by monomial: slower, and the proof of the others.
+
+    Raises SymgenError for an arm with more monomials than are written out.
+    """
+    graph = trigonometric_graph(factoring)
+    expressions = {"q": graph.q, "alpha": graph.alpha, "J": graph.J, "J_diag": ca.diag(graph.J)}
+    return {name: _function(name, name, expressions, expressions[name]) for name in ("J_diag", "J")}
 
 
 def identifier(name: str) -> str:

@@ -132,9 +132,9 @@ def _structure(factoring: Factoring) -> Iterator[Block]:
     pairs = [(i, j) for i in range(n) for j in range(i, n) if np.any(factoring.S[i, j])]
     listed = tuple(_entry_row(factoring, i, j) for i, j in pairs)
     yield Table(("entry", "depends on", "constants", "terms"), listed, (0, 0.5, 0, 0))
+    alone = f"{sum(factoring.rank_per_joint)} if none found at a joint nearer the tip were used again"
     yield Text(
-        f"{factoring.d} constants give every diagonal entry, {len(factoring.alphas)} all of $J(q)$. Found joint by joint, "
-        f"without using those of the joints nearer the tip again, they would be {sum(factoring.rank_per_joint)}."
+        f"Constants: {factoring.d} give every diagonal entry ({alone}), {len(factoring.alphas)} give all of $J(q)$."
     )
     for i, j in dict.fromkeys((alpha.i, alpha.j) for alpha in unseen):
         names = [f"${alpha_latex(alpha.name)}$" for alpha in unseen if (alpha.i, alpha.j) == (i, j)]

@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 from arms import arm, crba, factoring_of, model_of, random_arm
 
-from symgen.basis import Factoring, factor
+from symgen.basis import factor
 from symgen.chain import Chain, Inertia
-from symgen.emit import functions, identifier, write_all, write_functions
+from symgen.emit import functions, identifier, trigonometric_functions, write_all, write_functions
 from symgen.errors import SymgenError
-from symgen.graph import carriers, inertia_graph, trigonometric_graph
+from symgen.graph import carriers
 from symgen.inertia import parameter_scale
 from symgen.plan import make_plan
 
@@ -40,11 +40,6 @@ def draw(chain: Chain, seed: int) -> np.ndarray:
 
 def matrix(function: ca.Function, *arguments: np.ndarray) -> np.ndarray:
     return np.asarray(function(*arguments))
-
-
-def compiled(graph_of: Callable[[Factoring], object], factoring: Factoring) -> ca.Function:
-    graph = graph_of(factoring)
-    return ca.Function("J", [graph.q, graph.alpha], [graph.J])  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -82,11 +77,12 @@ def test_derivatives_are_those_of_pinocchios_matrix() -> None:
 @pytest.mark.parametrize("name", ["ypp3", "ur5", "kinova", "panda"])
 def test_the_fast_form_is_the_trigonometric_form_for_any_constants(name: str) -> None:
     factoring = factoring_of(name, name == "kinova")
-    fast, trigonometric = compiled(inertia_graph, factoring), compiled(trigonometric_graph, factoring)
+    fast, trigonometric = functions(factoring), trigonometric_functions(factoring)
     for seed in range(3):
         q, alpha = draw(factoring.chain, seed), np.random.default_rng(seed).normal(size=len(factoring.alphas))
-        J = matrix(trigonometric, q, alpha)
-        assert matrix(fast, q, alpha) == pytest.approx(J, abs=FOURTEEN_DIGITS * np.abs(J).max())
+        for kind in trigonometric:
+            expected = matrix(trigonometric[kind], q, alpha)
+            assert matrix(fast[kind], q, alpha) == pytest.approx(expected, abs=FOURTEEN_DIGITS * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -95,7 +91,7 @@ def test_random_arms_with_slides_and_odd_angles(seed: int) -> None:
     factoring, q = factor(chain), draw(chain, seed)
     J = crba(model_of(chain), q)
     alpha = np.random.default_rng(seed).normal(size=len(factoring.alphas))
-    fast, trigonometric = compiled(inertia_graph, factoring), compiled(trigonometric_graph, factoring)
+    fast, trigonometric = functions(factoring)["J"], trigonometric_functions(factoring)["J"]
     assert matrix(fast, q, factoring.alpha_cad) == pytest.approx(J, abs=NEARLY_SINGULAR * np.abs(J).max())
     J = matrix(trigonometric, q, alpha)
     assert matrix(fast, q, alpha) == pytest.approx(J, abs=NEARLY_SINGULAR * np.abs(J).max())
@@ -109,11 +105,9 @@ def test_zeros_are_believed_in_the_links_own_axes_whatever_the_joint_axis(seed: 
     symmetric = [replace(joint, inertia=body) for joint, body in zip(chain.joints, bodies, strict=True)]
     factoring = factor(replace(chain, joints=tuple(symmetric)), believe_zeros=True)
     q, alpha = draw(chain, seed), rng.normal(size=len(factoring.alphas))
-    J = matrix(compiled(trigonometric_graph, factoring), q, alpha)
+    J = matrix(trigonometric_functions(factoring)["J"], q, alpha)
     assert len(factoring.alphas) < len(factor(chain).alphas)
-    assert matrix(compiled(inertia_graph, factoring), q, alpha) == pytest.approx(
-        J, abs=NEARLY_SINGULAR * np.abs(J).max()
-    )
+    assert matrix(functions(factoring)["J"], q, alpha) == pytest.approx(J, abs=NEARLY_SINGULAR * np.abs(J).max())
 
 
 def test_pandas_graphs_stay_small() -> None:
@@ -138,7 +132,7 @@ def test_an_arm_with_too_many_terms_has_no_trigonometric_form() -> None:
     factoring = factoring_of("ypp3")
     cut = {pair: replace(entry, complete=False) for pair, entry in factoring.entries.items()}
     with pytest.raises(SymgenError, match="J_33 has too many terms"):
-        trigonometric_graph(replace(factoring, entries=cut))
+        trigonometric_functions(replace(factoring, entries=cut))
 
 
 # Files ---------------------------------------------------------------------------------------------------------------
