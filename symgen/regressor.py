@@ -10,7 +10,7 @@ from symgen.inertia import parameter_scale
 from symgen.kinematics import energy_row, twists
 
 
-def _to_alpha(factoring: Factoring, count: int) -> Array:
+def to_alpha(factoring: Factoring, count: int) -> Array:
     """The matrix P [10 n, count] with phi-row @ P = alpha-row for every row in the span of the first `count` constants."""
     scale = np.where(factoring.free, 1.0 / parameter_scale(factoring.chain), 0.0)
     P: Array = scale[:, None] * np.linalg.pinv(factoring.W[:count] * scale)
@@ -21,7 +21,7 @@ def C_rows(factoring: Factoring, q: Array) -> Array:
     """Returns the rows C_i(q) with J_ii(q) = C_i(q) . alpha[:d], eq. (10): [.., n, d] for postures q [.., n, rad or m]."""
     chain, d = factoring.chain, factoring.d
     flat = np.asarray(q, dtype=float).reshape(-1, chain.n)
-    P = _to_alpha(factoring, d)
+    P = to_alpha(factoring, d)
     out = np.zeros((len(flat), chain.n, d))
     for k, moving in enumerate(twists(chain, flat)):
         out[:, : k + 1] += energy_row(moving, moving) @ P[10 * k : 10 * k + 10]
@@ -32,7 +32,7 @@ def J_rows(factoring: Factoring, q: Array) -> Array:
     """Returns the regressor of the whole matrix, J(q) = J_rows(q) . alpha: [.., n, n, D] for postures q [.., n]."""
     chain, D = factoring.chain, len(factoring.alphas)
     flat = np.asarray(q, dtype=float).reshape(-1, chain.n)
-    P = _to_alpha(factoring, D)
+    P = to_alpha(factoring, D)
     out = np.zeros((len(flat), chain.n, chain.n, D))
     for k, moving in enumerate(twists(chain, flat)):
         rows = energy_row(moving[:, :, None, :], moving[:, None, :, :])

@@ -1,0 +1,153 @@
+"""Cells (i, q) - excite joint i at posture q - and their rows f_i(q) = C_i(q) / sigma_i(q): what a plan is chosen by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symgen.basis import Factoring
+from symgen.chain import REVOLUTE, Array, Joint, skew
+from symgen.kinematics import energy_row, motion
+from symgen.regressor import C_rows, to_alpha
+
+#: v' M v = (v v') . FORMS . phi: how the energy of a twist v depends on the ten parameters of its body [36, 10].
+_FORMS = energy_row(np.eye(6)[:, None], np.eye(6)[None]).reshape(36, 10)
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Measurements: cell k excites joint `joint[k]` (from 0) at `q[k]`; joint [N], q [N, n, rad or m]."""
+
+    joint: NDArray[np.int64]
+    q: Array
+
+    def __len__(self) -> int:
+        return len(self.joint)
+
+    def __getitem__(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> Cells:
+        return Cells(self.joint[index], self.q[index])
+
+    def __add__(self, other: Cells) -> Cells:
+        return Cells(np.concatenate([self.joint, other.joint]), np.concatenate([self.q, other.q]))
+
+
+def spread(limits: Array, count: int, offset: float) -> Array:
+    """Returns `count` postures [count, n] evenly spread over `limits` [n, 2]; another set for each `offset` in [0, 1).
+
+    An additive low-discrepancy sequence: the golden ratio, generalised to n dimensions.
+    """
+    n = len(limits)
+    phi = 2.0
+    for _ in range(64):
+        phi = (1 + phi) ** (1 / (n + 1))
+    unit = (offset + np.arange(1, count + 1)[:, None] * phi ** -np.arange(1, n + 1)) % 1.0
+    postures: Array = limits[:, 0] + (limits[:, 1] - limits[:, 0]) * unit
+    return postures
+
+
+def every_joint(q: Array) -> Cells:
+    """Returns the cells of all joints at postures q [m, n], posture by posture: [m n]."""
+    m, n = q.shape
+    return Cells(np.tile(np.arange(n), m), np.repeat(q, n, axis=0))
+
+
+def _maps(joint: Joint) -> Array:
+    """Maps of a twist (omega, u), as a row, from the link before a joint to the link behind it [6, 18].
+
+    Side by side the coefficients of 1, c, s of a turning joint, of 1, q and nothing of a sliding one:
+    omega' = R' omega, u' = R' (u + omega x p).
+    """
+
+    def shift(p: Array) -> Array:
+        T = np.eye(6)
+        T[:3, 3:] = skew(p)
+        return T
+
+    placed = shift(joint.p) @ np.kron(np.eye(2), joint.R)
+    if joint.type == REVOLUTE:
+        A0 = np.outer(joint.axis, joint.axis)
+        parts = [np.kron(np.eye(2), A) for A in (A0, np.eye(3) - A0, skew(joint.axis))]
+    else:
+        parts = [np.eye(6), shift(joint.axis) - np.eye(6), np.zeros((6, 6))]
+    return placed @ np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True)
+class _Walk:
+    """For body k and each cell: the twist `v[k]` [N, 6] when the cell's joint turns, in the frame of link k; its
+    derivative `dv[k]` by q_k; and the `shares[k]` [N, 3] of the three maps: 1, c, s or 1, q, 0."""
+
+    v: Array
+    dv: Array
+    shares: Array
+
+
+class Rows:
+    """The scaled rows f_i(q) = C_i(q) / sigma_i(q) of a factoring, for the URDF's own constants and the drives' rotors.
+
+    sigma_i(q) = J_ii(q) + rotor_i: to this the standard deviation of a measured J_ii is proportional, from (5) with a
+    fixed relative error of the frequencies. `rotor` [n, kg m2 or kg, joint side] is N^2 J_m.
+    """
+
+    def __init__(self, factoring: Factoring, rotor: Array):
+        self.factoring, self.rotor = factoring, rotor
+        self._maps = [_maps(joint) for joint in factoring.chain.joints]
+        self._to_alpha = to_alpha(factoring, factoring.d)
+
+    def __call__(self, q: Array, of: Factoring | None = None) -> Array:
+        """All joints' rows at postures q [m, n]: [m, n, d]; with `of`, another factoring's rows in the same scaling."""
+        C = C_rows(self.factoring, q)
+        sigma = C @ self.factoring.alpha_cad[: self.factoring.d] + self.rotor
+        return (C if of is None else C_rows(of, q)) / sigma[..., None]
+
+    def of_cells(self, cells: Cells, of: Factoring | None = None) -> Array:
+        """One row a cell [N, d]; `of` as above."""
+        phi, sigma = self._phi(cells, self._walk(cells))
+        return phi @ (self._to_alpha if of is None else to_alpha(of, of.d)) / sigma
+
+    def traced(self, cells: Cells) -> tuple[Array, Callable[[Array], Array]]:
+        """Rows F [N, d] of cells, and the function that takes dv/dF [N, d] of a number v to its slope dv/dq [N, n].
+
+        The slope costs about as much as the rows: one walk along the arm out, one back (reverse accumulation).
+        """
+        chain, N = self.factoring.chain, len(cells)
+        walk = self._walk(cells)
+        phi, sigma = self._phi(cells, walk)
+        F = phi @ self._to_alpha / sigma
+
+        def slope(dF: Array) -> Array:
+            by_phi = (dF @ self._to_alpha.T - (dF * F).sum(axis=1, keepdims=True) * chain.parameters) / sigma
+            M = (by_phi.reshape(N, chain.n, 10).swapaxes(0, 1) @ _FORMS.T).reshape(chain.n, N, 6, 6)
+            pull = 2 * (M @ walk.v[..., None])[..., 0]
+            out = np.zeros((N, chain.n))
+            for k in reversed(range(1, chain.n)):
+                out[:, k] = (pull[k] * walk.dv[k]).sum(axis=1)
+                pull[k - 1] += (walk.shares[k][:, :, None] * pull[k][:, None]).reshape(N, 18) @ self._maps[k].T
+            return out
+
+        return F, slope
+
+    def _walk(self, cells: Cells) -> _Walk:
+        chain, N = self.factoring.chain, len(cells)
+        turning = np.array([joint.type == REVOLUTE for joint in chain.joints])
+        x, one, zero = cells.q, np.ones(cells.q.shape), np.zeros(cells.q.shape)
+        c, s = np.cos(x), np.sin(x)
+        shares = np.stack([one, np.where(turning, c, x), np.where(turning, s, zero)], axis=1).transpose(2, 0, 1)
+        slopes = np.stack([zero, np.where(turning, -s, one), np.where(turning, c, zero)], axis=1).transpose(2, 0, 1)
+        v, dv = np.zeros((chain.n, N, 6)), np.zeros((chain.n, N, 6))
+        for k in range(chain.n):
+            if k > 0:
+                parts = (v[k - 1] @ self._maps[k]).reshape(N, 3, 6)
+                v[k] = np.einsum("Nf,Nfx->Nx", shares[k], parts)
+                dv[k] = np.einsum("Nf,Nfx->Nx", slopes[k], parts)
+            v[k][cells.joint == k] = motion(chain, k)
+        return _Walk(v, dv, shares)
+
+    def _phi(self, cells: Cells, walk: _Walk) -> tuple[Array, Array]:
+        """The rows over all bodies' parameters [N, 10 n], and sigma [N, 1]."""
+        squares = (walk.v[..., :, None] * walk.v[..., None, :]).reshape(len(walk.v), len(cells), 36)
+        phi = (squares @ _FORMS).swapaxes(0, 1).reshape(len(cells), -1)
+        return phi, (phi @ self.factoring.chain.parameters + self.rotor[cells.joint])[:, None]

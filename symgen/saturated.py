@@ -1,0 +1,177 @@
+"""The d cells of a good plan: exchanged over the cells of the optimal spread, then refined.
+
+As many measurements as constants: the determinant of F is all there is to trade, and local optima are many. Exchange
+starts from the cells that carry the optimal spread, because good plans are made of cells near those.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symgen.cells import Cells, Rows, every_joint, spread
+from symgen.chain import Array
+from symgen.errors import PlanError
+from symgen.optimal import FAR, Optimum
+
+#: Postures from which the search starts, and those over which it takes the amplification.
+CANDIDATES, _WORKSPACE = 500, 500
+
+#: An exchange must raise the determinant, or the merit, by more than this factor.
+_EXCHANGE_GAIN = 1.001
+
+#: A chosen row is not looked at for exchange with one that leaves less than this part of the determinant.
+_LEAST_PART = 0.3
+
+#: A combination of constants that postures show less than this, relative to the one they show best, is not measurable.
+_SEEN = 1e-8
+
+#: Power of det(F' F)^(1/d) for one of the worst amplification: what is good for all constants, and for J_ii(q).
+_DET_POWER = 2
+
+#: Exponent of the smooth maximum over the joints.
+_SHARPNESS = 8
+
+#: Merits of two designs closer than this: mirror images of each other, or the same.
+_SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class Search:
+    """Rounds of `optimal.optimum`, exchanges started over its cells, designs refined, their steps, and the best one's."""
+
+    rounds: int
+    starts: int
+    designs: int
+    steps: int
+    last_steps: int
+
+
+def candidates(rows: Rows, allowed: Array) -> tuple[Cells, Cells]:
+    """Returns d cells by exchange among evenly spread postures, and some 4 d of high variance with them, to start from.
+
+    Raises PlanError when the postures within the box `allowed` [n, 2] do not tell all constants apart.
+    """
+    d = rows.factoring.d
+    pool = every_joint(spread(allowed, CANDIDATES, 0.5))
+    F = rows.of_cells(pool)
+    even, values, _ = np.linalg.svd(F / np.linalg.norm(F, axis=0), full_matrices=False)
+    rank = int((values > _SEEN * values[0]).sum())
+    if rank < d:
+        raise PlanError(
+            f"{rows.factoring.chain.name}: postures within the joint limits tell only {rank} of {d} constants apart; "
+            "expected wider limits, or the joints that hardly move frozen"
+        )
+    chosen = maxvol(even)
+    leverage = ((even @ np.linalg.inv(even[chosen])) ** 2).sum(axis=1)
+    more = np.argsort(-leverage, kind="stable")[: 3 * d]
+    return pool[chosen], pool[np.union1d(chosen, more)]
+
+
+def maxvol(F: Array, first: int | None = None) -> NDArray[np.int64]:
+    """Returns d rows of F [N, d], of full rank, with a locally largest determinant: greedy pivots, then exchanges.
+
+    The greedy part begins with row `first`, or the longest. (Fedorov's exchange, for as many rows as constants.)
+    """
+    d = F.shape[1]
+    left = F.copy()
+    chosen: list[int] = []
+    for k in range(d):
+        row = first if first is not None and k == 0 else int(np.argmax(np.einsum("nd,nd->n", left, left)))
+        direction = left[row] / np.linalg.norm(left[row])
+        left -= np.outer(left @ direction, direction)
+        chosen.append(row)
+    B = F @ np.linalg.inv(F[chosen])
+    while True:
+        row, column = divmod(_first_largest(np.abs(B)), d)
+        if abs(B[row, column]) < _EXCHANGE_GAIN:
+            return np.array(chosen)
+        swap = B[row].copy()
+        swap[column] -= 1
+        B -= np.outer(B[:, column], swap / B[row, column])
+        chosen[column] = row
+
+
+def _first_largest(values: Array) -> int:
+    """Where the largest value is; mirror images tie in single precision, and the first is taken on every machine."""
+    return int(np.argmax(values.astype(np.float32)))
+
+
+class Merit:
+    """How good d cells are: log of det(F' F)^(2/d) / worst amplification, the worst joint as a smooth maximum."""
+
+    def __init__(self, rows: Rows):
+        everywhere = rows(spread(rows.factoring.chain.limits, _WORKSPACE, 0.123))
+        self.moments = np.einsum("mid,mie->ide", everywhere, everywhere, optimize=True) / len(everywhere)
+
+    def __call__(self, F: Array) -> float:
+        """The merit of the rows F [d, d]."""
+        return self.with_slope(F)[0]
+
+    def with_slope(self, F: Array) -> tuple[float, Array]:
+        """The merit of the rows F [d, d] and its derivative [d, d]. Raises LinAlgError if F is singular."""
+        d = len(F)
+        G = np.linalg.inv(F)
+        power = np.einsum("ide,de->i", self.moments, G @ G.T)
+        share = (power / power.max()) ** _SHARPNESS
+        worst = power.max() * share.sum() ** (1 / _SHARPNESS)
+        M = np.einsum("i,ide->de", share / power / share.sum(), self.moments)
+        value = 2 * _DET_POWER / d * float(np.linalg.slogdet(F)[1]) - np.log(worst) / 2
+        return value, 2 * _DET_POWER / d * G.T + G.T @ M @ G @ G.T
+
+    def exchanged(self, F: Array, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Returns d of the rows F [N, d]: `chosen` after the exchanges that raise the merit most, until none does."""
+        chosen = chosen.copy()
+        d = F.shape[1]
+        while True:
+            G = np.linalg.inv(F[chosen])
+            B = F @ G  # row r in place of chosen row c: the determinant times B_rc
+            K = G.T @ self.moments @ G
+            factor = np.where(np.abs(B) > _LEAST_PART, B, np.inf)
+            own = np.einsum("icc->ic", K)[:, None, :]
+            others = own.sum(axis=2, keepdims=True) - own - 2 * (B @ K - B * own) / factor
+            power = others + own * ((B**2).sum(axis=1, keepdims=True) - B**2 + 1) / factor**2
+            gain = np.full(B.shape, -np.inf)
+            open_ = np.isfinite(factor)
+            gain[open_] = 2 * _DET_POWER / d * np.log(np.abs(B[open_])) - np.log(power.max(axis=0)[open_]) / 2
+            gain += np.log(own.sum(axis=2).max()) / 2
+            row, column = divmod(_first_largest(gain), d)
+            if gain[row, column] < np.log(_EXCHANGE_GAIN):
+                return chosen
+            chosen[column] = row
+
+
+def saturated(rows: Rows, first: Cells, best: Optimum, allowed: Array, search: Search) -> Cells:
+    """Returns the d cells of largest merit found from the cells of the optimal spread and from the d cells `first`."""
+    merit = Merit(rows)
+    F = rows.of_cells(best.cells)
+    even = F @ np.linalg.inv(np.linalg.cholesky((F * best.weight[:, None]).T @ F)).T
+    found: list[tuple[float, NDArray[np.int64]]] = []
+    for start in np.unique(np.linspace(0, len(F) - 1, search.starts).astype(np.int64)).tolist():
+        chosen = merit.exchanged(F, maxvol(even, start))
+        found.append((merit(F[chosen]), chosen))
+    found.sort(key=lambda one: -one[0])
+    distinct = [found[k][1] for k in range(len(found)) if k == 0 or found[k - 1][0] - found[k][0] > _SAME]
+    starts = [best.cells[chosen] for chosen in distinct[: search.designs]] + [first]
+    designs = [_refined(rows, merit, cells, allowed, search.steps) for cells in starts]
+    winner = max(designs, key=lambda cells: merit(rows.of_cells(cells)))
+    return _refined(rows, merit, winner, allowed, search.last_steps)
+
+
+def _refined(rows: Rows, merit: Merit, cells: Cells, allowed: Array, steps: int) -> Cells:
+    """The d cells with their postures moved within the box up the merit, by at most `steps` quasi-Newton steps."""
+    from scipy.optimize import minimize
+
+    def worse(x: Array) -> tuple[float, Array]:
+        F, slope = rows.traced(Cells(cells.joint, x.reshape(cells.q.shape)))
+        try:
+            value, by_row = merit.with_slope(F)
+        except np.linalg.LinAlgError:  # a step too far put two cells on one corner of the box
+            return FAR, np.zeros_like(x)
+        return -value, slope(-by_row).ravel()
+
+    bounds = np.tile(allowed, (len(cells), 1))
+    x = minimize(worse, cells.q.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps}).x
+    return Cells(cells.joint, np.clip(x.reshape(cells.q.shape), *allowed.T))
