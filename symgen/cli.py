@@ -42,6 +42,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--no-snap", action="store_true", help="keep angles such as 1.5708 as written")
     parser.add_argument("--spare", metavar="N", type=int, help="measurements beyond the minimum (default: a quarter)")
+    parser.add_argument("--refine", action="store_true", help="search longer for the best plan")
     parser.add_argument("--no-verify", action="store_true", help="do not compare J(q) with Pinocchio's")
     parser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
     return parser
@@ -77,6 +78,7 @@ def _run(options: argparse.Namespace) -> int:
         believe_zeros=believe_zeros,
         rotor=plan.reflected_inertia(chain, drives),
         spare=options.spare,
+        effort="full" if options.refine else "quick",
     )
     document = dict(result.document)
     if not options.no_verify:

@@ -15,6 +15,7 @@ from symgen import kinematics, postures, regressor
 from symgen.basis import Factoring, factor
 from symgen.chain import PRISMATIC, Array, Chain
 from symgen.errors import PlanError, RobotError
+from symgen.formula import alpha_cad
 from symgen.robot import Drive, Robot
 from symgen.urdf import load_chain, parse_chain
 
@@ -152,19 +153,19 @@ def make_plan(
     believe_zeros: bool = False,
     rotor: Array | None = None,
     spare: int | None = None,
-    iterations: int = 60,
+    effort: postures.Effort = "quick",
 ) -> Plan:
     """Returns the plan of an arm: ranks, constants, what the diagonals can not see, and the cells to measure.
 
     `unsnapped` is the same chain with the file's own angles, to state what snapping costs; `rotor` [n, kg m2] the
-    reflected motor inertias N^2 J_m; `spare` and `iterations` as in `postures.plan`.
+    reflected motor inertias N^2 J_m; `spare` and `effort` as in `postures.plan`.
     """
     seconds = {}
     start = time.perf_counter()
     model = make_model(chain, believe_zeros=believe_zeros)
     seconds["derive"] = time.perf_counter() - start
     start = time.perf_counter()
-    design = postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, iterations=iterations)
+    design = postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, effort=effort)
     seconds["plan"] = time.perf_counter() - start
     cells = tuple(
         Cell(chain.names[i], q, bool(extra)) for i, q, extra in zip(design.joint, design.q, design.spare, strict=True)
@@ -200,7 +201,7 @@ def _document(
         "alpha": {
             "names": list(factoring.names),
             "unit": [alpha.unit for alpha in factoring.alphas],
-            "cad": [_digits(value, 14) for value in factoring.alpha_cad],
+            "cad": alpha_cad(factoring),
         },
         "plan": {
             "measurements": int((~design.spare).sum()),
@@ -209,6 +210,7 @@ def _document(
             "amplification_per_joint": [_digits(value, 4) for value in design.amplification],
             "amplification_p999_per_joint": [_digits(value, 4) for value in design.amplification_p999],
             "d_efficiency_at_least": float(np.floor(design.d_efficiency * 1e3) / 1e3),
+            "d_efficiency_with_spare_at_least": float(np.floor(design.d_efficiency_all * 1e3) / 1e3),
             "cond_per_joint": [_digits(value, 4) for value in design.cond],
             "cond_scaling": "rows of one joint's cells over sigma, columns whitened over the workspace",
             "cells": [
