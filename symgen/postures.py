@@ -33,7 +33,7 @@ ROUNDING = 1e-4
 
 _WORKSPACE = 2000
 
-_SEARCH = {"quick": Search(4, 12, 3, 25, 40), "full": Search(40, 100, 12, 60, 400)}
+_SEARCH = {"quick": Search(4, 12, 3, 25, 40), "full": Search(40, 150, 12, 60, 400)}
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,9 @@ def box(limits: Array) -> Array:
     """Returns the joint intervals a plan may use [n, 2]: the limits less a margin, on whole multiples of `ROUNDING`."""
     low, high = limits.T
     inset = np.minimum(MARGIN, MARGIN_PART * (high - low))
-    return np.stack([np.ceil((low + inset) / ROUNDING), np.floor((high - inset) / ROUNDING)], axis=1) * ROUNDING
+    inner = np.stack([np.ceil((low + inset) / ROUNDING), np.floor((high - inset) / ROUNDING)], axis=1) * ROUNDING
+    fits = inner[:, 0] <= inner[:, 1]
+    return np.where(fits[:, None], inner, limits.mean(axis=1, keepdims=True))
 
 
 def home(allowed: Array) -> Array:
@@ -139,6 +141,15 @@ def plan(
     return judged(rows, both.joint, both.q, np.arange(d + count) >= d, allowed, best.log_det_bound)
 
 
+def certificate(rows: Rows, F: Array, allowed: Array, effort: Effort = "quick") -> float:
+    """Returns a lower bound of the D-efficiency of the rows F [N, d] among all designs, of any size, in the box [n, 2]."""
+    return d_efficiency(F, _log_det_bound(rows, allowed, effort))
+
+
+def _log_det_bound(rows: Rows, allowed: Array, effort: Effort) -> float:
+    return optimum(rows, allowed, candidates(rows, allowed)[1], _SEARCH[effort].rounds).log_det_bound
+
+
 def judged(
     rows: Rows,
     joint: NDArray[np.int64],
@@ -154,12 +165,12 @@ def judged(
     """
     n = q.shape[1]
     if log_det_bound is None:
-        log_det_bound = optimum(rows, allowed, candidates(rows, allowed)[1], _SEARCH["quick"].rounds).log_det_bound
+        log_det_bound = _log_det_bound(rows, allowed, "quick")
     everywhere = rows(spread(rows.factoring.chain.limits, _WORKSPACE, 0.123))
     F = rows.of_cells(Cells(joint, q))
     needed, own = F[~spare], joint[~spare]
     variance = ((everywhere @ np.linalg.inv(np.linalg.qr(needed, mode="r"))) ** 2).sum(axis=2)
-    whiten = np.linalg.inv(np.linalg.cholesky(np.einsum("mid,mie->de", everywhere, everywhere) / _WORKSPACE)).T
+    whiten = np.linalg.inv(np.linalg.qr(everywhere.reshape(-1, needed.shape[1]), mode="r"))
     return Design(
         joint=joint,
         q=readonly(q),

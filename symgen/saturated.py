@@ -26,10 +26,10 @@ _EXCHANGE_GAIN = 1.001
 _LEAST_PART = 0.3
 
 #: A combination of constants that postures show less than this, relative to the one they show best, is not measurable.
-_SEEN = 1e-8
+_SEEN = 1e-6
 
 #: Power of det(F' F)^(1/d) for one of the worst amplification: what is good for all constants, and for J_ii(q).
-_DET_POWER = 2
+_DET_POWER = 3
 
 #: Exponent of the smooth maximum over the joints.
 _SHARPNESS = 8
@@ -60,9 +60,11 @@ def candidates(rows: Rows, allowed: Array) -> tuple[Cells, Cells]:
     even, values, _ = np.linalg.svd(F / np.linalg.norm(F, axis=0), full_matrices=False)
     rank = int((values > _SEEN * values[0]).sum())
     if rank < d:
+        chain = rows.factoring.chain
+        k = int(np.argmin(allowed[:, 1] - allowed[:, 0]))
         raise PlanError(
-            f"{rows.factoring.chain.name}: postures within the joint limits tell only {rank} of {d} constants apart; "
-            "expected wider limits, or the joints that hardly move frozen"
+            f"{chain.name}: postures within the joint limits tell only {rank} of {d} constants apart; expected wider limits, "
+            f"or joints that hardly move frozen (narrowest: {chain.names[k]}, {allowed[k, 1] - allowed[k, 0]:.3g} rad or m)"
         )
     chosen = maxvol(even)
     leverage = ((even @ np.linalg.inv(even[chosen])) ** 2).sum(axis=1)
@@ -100,7 +102,7 @@ def _first_largest(values: Array) -> int:
 
 
 class Merit:
-    """How good d cells are: log of det(F' F)^(2/d) / worst amplification, the worst joint as a smooth maximum."""
+    """How good d cells are: log of det(F' F)^(3/d) / worst amplification, the worst joint as a smooth maximum."""
 
     def __init__(self, rows: Rows):
         everywhere = rows(spread(rows.factoring.chain.limits, _WORKSPACE, 0.123))
