@@ -1,5 +1,4 @@
-"""A frequency response becomes motor inertia, stiffness and load inertia: the paper's three points, or all lines at
-once.
+"""A frequency response becomes motor inertia, stiffness, load inertia: by the paper's three points, or by all lines.
 
 Equations (n) are those of K. Choi et al., "Identification of Flexible Joint Robot Inertia Matrix Using Frequency
 Response Analysis". (3) is printed without the s^2 of its numerator s^2 + K/J_l; without it there is no anti-resonance.
@@ -23,8 +22,11 @@ from ident.frf import Complex, Frf
 #: D_spring [N m s/rad], K_g [N m/rad] (gravity stiffness of the link) joint side.
 PARAMETERS = ("J_m", "K", "J_l", "D", "D_spring", "K_g")
 HOLDS = ("zoh", "band-limited")
+Model = tuple[float, float, str]  # N, fs, hold
 #: A model does not explain its data when chi^2 is larger than in this share of honest repetitions.
 CONFIDENCE = 0.999
+#: A fit that has to leave out more than this share of the lines, for lack of torque, says so.
+LEFT_OUT = 0.1
 #: A standard deviation above half the value: the data do not tell the parameter.
 UNTOLD = 0.5
 #: Singular values of the Jacobian below this share of the largest are rounding.
@@ -100,8 +102,8 @@ def predict(parameters: ArrayLike, frequencies: ArrayLike, N: float, fs: float, 
 
 def two_mass_frequencies(J_m: float, K: float, J_l: float, N: float) -> tuple[float, float]:
     """Returns (f_AR, f_R) [Hz] by (4)."""
-    w2 = K / J_l
-    return float(np.sqrt(w2) / (2 * np.pi)), float(np.sqrt(w2 * (1 + J_l / (N**2 * J_m))) / (2 * np.pi))
+    f_AR = float(np.sqrt(K / J_l) / (2 * np.pi))
+    return f_AR, f_AR * float(np.sqrt(1 + J_l / (N**2 * J_m)))
 
 
 def three_point(frf: Frf, N: float) -> ThreePoint:
@@ -128,26 +130,28 @@ def three_point(frf: Frf, N: float) -> ThreePoint:
 def two_mass(frf: Frf, N: float, fs: float, hold: str, start: ArrayLike | None = None) -> TwoMass:
     """Returns the flexible joint that explains the excited joint's response best: maximum likelihood over all lines.
 
-    `start` [6] replaces the automatic start values. Raises IdentError for less than 6 lines or an unknown hold. What
-    cannot be told from the data is said in `status`. Source: (1)-(6); weighting as in Pintelon & Schoukens, chapter 9.
+    Only the usable lines count. `start` [6] replaces the automatic start values. Raises IdentError for less than 6 of
+    them or an unknown hold. What cannot be told from the data is said in `status`. Source: (1)-(6); weighting as in
+    Pintelon & Schoukens, chapter 9.
     """
-    f, G, sigma = frf.frequencies, frf.G, np.sqrt(frf.variance)
+    f, G, sigma = frf.frequencies[frf.usable], frf.G[frf.usable], np.sqrt(frf.variance[frf.usable])
     if len(f) < len(PARAMETERS):
-        raise IdentError(
-            f"record {frf.record}: {len(f)} excited lines, a flexible joint needs at least {len(PARAMETERS)}"
-        )
+        found = f"{len(f)} of {len(frf.frequencies)} excited lines are usable"
+        raise IdentError(f"record {frf.record}: {found}, a flexible joint needs at least {len(PARAMETERS)}")
     dof = 2 * len(f) - len(PARAMETERS)
     limit = chi2_limit(len(f), dof, frf.dof, frf.width)
     starts = [_vector(start)] if start is not None else _starts(f, G, sigma, N, fs, hold)
     best, cost, converged = starts[0], np.inf, False
     for guess in starts:
-        p, c, success = _least_squares(guess, f, G, sigma, N, fs, hold)
+        p, c, success = _least_squares(guess, f, G, sigma, (N, fs, hold))
         if c < cost:
             best, cost, converged = p, c, success
         if converged and cost / dof <= limit:
             break
     _, dH = _response(best, f, N, fs, hold)
     covariance, condition = _covariance(np.sqrt(2.0) * dH / sigma[:, None], best)
+    u1, u2 = _weight_moments(frf.dof)
+    covariance *= u2 / u1  # estimated weights claim u1 times the information, and scatter
     std = np.sqrt(np.diag(covariance))
     explained = bool(cost / dof <= limit)
     J_m, K, J_l, D, D_spring, K_g = map(float, best)
@@ -158,6 +162,9 @@ def two_mass(frf: Frf, N: float, fs: float, hold: str, start: ArrayLike | None =
     if not explained:
         status.insert(0, f"two masses do not explain the response: chi2/dof {cost / dof:.3g}, limit {limit:.3g}"
                         f" (std_inflated is std times {inflation:.3g})")  # fmt: skip
+    left_out = 1.0 - len(f) / len(frf.frequencies)
+    if left_out > LEFT_OUT:
+        status.insert(0, f"{left_out:.0%} of the lines left out: feedback takes their torque, hold {frf.joint} softer")
     if not converged:
         status.insert(0, "the fit did not converge")
     return TwoMass(
@@ -175,12 +182,16 @@ def chi2_limit(lines: int, dof: int, variance_dof: float, width: int, confidence
     variance_dof) distributed. The gamma distribution with the mean and variance of the sum gives the limit
     (Satterthwaite).
     """
-    nu = variance_dof
-    u1, u2 = nu / (nu - 2.0), nu**2 / ((nu - 2.0) * (nu - 4.0))  # E u, E u^2 of u = 1 / (chi2_nu / nu)
+    u1, u2 = _weight_moments(variance_dof)
     one = 8.0 * u2 - 4.0 * u1**2
     shared = (width - 1) * 4.0 * (u2 - u1**2)
     mean, variance = dof * u1, dof / 2.0 * (one + shared)
     return float(gamma.ppf(confidence, mean**2 / variance, scale=variance / mean) / dof)
+
+
+def _weight_moments(nu: float) -> tuple[float, float]:
+    """Returns E u and E u^2 of a weight u = 1 / (chi2_nu / nu), one over a variance estimated with nu > 4 dof."""
+    return nu / (nu - 2.0), nu**2 / ((nu - 2.0) * (nu - 4.0))
 
 
 def _readonly(values: Array) -> Array:
@@ -231,16 +242,15 @@ def _response(p: Array, f: Array, N: float, fs: float, hold: str) -> tuple[Compl
         F, dF = both[0, :5, :5], both[:, :5, 5:]
         point = np.expm1(point / fs)
     inverse = np.linalg.inv(point[:, None, None] * np.eye(4) - F[:4, :4])
-    x = inverse @ F[:4, 4]
+    x: Complex = inverse @ F[:4, 4].astype(complex)
     x1 = np.concatenate([x, np.ones((len(f), 1))], axis=1)
     return x[:, 0], np.einsum("la,pab,lb->lp", inverse[:, 0], dF[:, :4], x1, optimize=True)
 
 
 def _expm1(A: Array) -> Array:
-    """Returns exp(A) - 1 of matrices [.., m, m], keeping the small entries: Taylor series, then (1 + E)^2 - 1 = 2 E +
-    E^2.
+    """Returns exp(A) - 1 of matrices [.., m, m]: Taylor series of A / 2^k, then k times (1 + E)^2 - 1 = 2 E + E^2.
 
-    scipy.linalg.expm loses them next to the 1, and its threads cost ten times the work on a busy machine.
+    Keeps the small entries, which scipy.linalg.expm loses next to the 1, and starts no threads.
     """
     doublings = max(0, int(np.ceil(np.log2(max(np.abs(A).sum(axis=-1).max(), 1e-300)))) + 1)
     A = A / 2.0**doublings
@@ -253,12 +263,10 @@ def _expm1(A: Array) -> Array:
     return E
 
 
-def _least_squares(
-    start: Array, f: Array, G: Complex, sigma: Array, N: float, fs: float, hold: str
-) -> tuple[Array, float, bool]:
+def _least_squares(start: Array, f: Array, G: Complex, sigma: Array, model: Model) -> tuple[Array, float, bool]:
     """Returns (parameters [6], chi^2, converged) near `start`; logarithms keep all but K_g positive."""
     scale = np.sqrt(2.0) / sigma
-    K = start[1]
+    K, N = start[1], model[0]
     least = 1e-3 * START_DAMPING * np.sqrt(K * start[2]) * np.array([N**-2, 1.0])
     x0 = np.concatenate([np.log(start[:3]), np.log(np.maximum(start[3:5], least)), [start[5] / K]])
 
@@ -267,12 +275,12 @@ def _least_squares(
 
     def residual(x: Array) -> Array:
         with np.errstate(all="ignore"):  # a trial step to a stiffness beyond numbers is refused for its size
-            r = scale * (_response(parameters(x), f, N, fs, hold)[0] - G)
+            r = scale * (_response(parameters(x), f, *model)[0] - G)
         return np.nan_to_num(np.concatenate([r.real, r.imag]), nan=REFUSED, posinf=REFUSED, neginf=REFUSED)
 
     def jacobian(x: Array) -> Array:
         p = parameters(x)
-        dr = scale[:, None] * _response(p, f, N, fs, hold)[1] * np.append(p[:5], K)
+        dr = scale[:, None] * _response(p, f, *model)[1] * np.append(p[:5], K)
         return np.concatenate([dr.real, dr.imag])
 
     found = least_squares(residual, x0, jac=jacobian, method="lm", xtol=1e-10, ftol=1e-10, gtol=1e-12, max_nfev=60)
@@ -284,15 +292,12 @@ def _starts(f: Array, G: Complex, sigma: Array, N: float, fs: float, hold: str) 
     w, T = 2 * np.pi * f, 1.0 / fs
     z = np.exp(1j * w * T)
     free = T**2 * (z + 1) / (2 * (z - 1) ** 2) if hold == "zoh" else -1.0 / w**2  # response of a unit inertia
-    guesses = [
-        _rational_start((1j * w).astype(complex), G / free, sigma / np.abs(free), N),
-        _three_point_start(f, np.abs(G / free), N),
-    ]
+    rational = _rational_start((1j * w).astype(complex), G / free, sigma / np.abs(free), N)
     J_top = float(np.abs(free[-1] / G[-1]))
     above = (2 * np.pi * 1.5 * f[-1]) ** 2 * J_top / 2 * N**2
     damping = 2 * START_DAMPING * np.sqrt(above * J_top / 2) * N
-    guesses.append(np.array([J_top / 2, above, J_top / 2 * N**2, J_top * w[0], damping, 0.0]))
-    return [guess for guess in guesses if guess is not None]
+    last = np.array([J_top / 2, above, J_top / 2 * N**2, J_top * w[0], damping, 0.0])
+    return [guess for guess in (rational, _three_point_start(f, np.abs(G / free), N), last) if guess is not None]
 
 
 def _rational_start(s: Complex, H: Complex, sigma: Array, N: float) -> Array | None:
@@ -330,8 +335,9 @@ def _rational_start(s: Complex, H: Complex, sigma: Array, N: float) -> Array | N
 
 
 def _three_point_start(f: Array, size: Array, N: float) -> Array | None:
-    """Returns parameters from interpolated dip and peak of |H| [L] and the exact high-frequency factor (findings 1), or
-    None.
+    """Returns parameters from interpolated dip and peak of |H| [L], or None when they are not inside the band.
+
+    |H| at the top is 1/J_m times (1 - f_AR^2/f^2) / (1 - f_R^2/f^2): the factor that the paper's rule leaves out.
     """
     dip, peak = _largest_rise(size)
     f_AR, f_R = _vertex(f, np.log(size), dip), _vertex(f, np.log(size), peak)

@@ -1,10 +1,10 @@
 """A record becomes a frequency response: settled periods, mean spectra, and how far they can be trusted.
 
 Everything is angle against torque, motor side, at the excited lines of a periodic excitation. Noise and leakage are
-read between the lines of the spectrum over all kept periods, where a periodic response has nothing (the local
-polynomial method for periodic excitation: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain
-Approach, 2nd ed., Wiley 2012, sections 7.3 and 10.3; DOI 10.1016/j.ymssp.2009.08.010): errors in variables, so that
-feedback does not bias anything.
+read between the lines of the spectrum over all kept periods, where a periodic response has nothing: the local
+polynomial approach for periodic excitation (R. Pintelon, J. Schoukens, System Identification: A Frequency Domain
+Approach, 2nd ed., Wiley 2012; R. Pintelon et al., Mech. Syst. Signal Process. 24 (2010) 573-616). Torque and angle
+both carry their error, so that feedback does not bias anything.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ Complex = NDArray[np.complex128]
 
 #: Bins between the lines from which leakage and noise of one line are read, and the coefficients of its polynomial.
 BINS, ORDER = 10, 3
+#: A line is usable for a quotient when its torque is this many times its noise: the variance is then right to 10 %.
+USABLE = 10.0
 #: Degrees of freedom wanted for a variance: an estimate then scatters by sqrt(2/60) = 18 %.
 DOF_WANTED = 60
 #: Probability of calling noise a transient, or a distortion, over all tests on one record.
@@ -73,12 +75,12 @@ class Frf:
     """One record as spectra at the excited lines; amplitudes are peak values, rad and N m, motor side.
 
     `tau`, `theta` [L, n] are the spectra of all joints over the kept periods, leakage taken off. `noise` [R, L, 2n] are
-    R independent samples of the error of (tau, theta) at every line: E noise noise^H is its covariance. `variance` [L]
-    is E|dG|^2, smoothed over `width` lines to `dof` degrees of freedom, never below the quantisation floor. `first` is
-    the first settled period of the record, `periods` the number kept, `floor` [n, rad^2] the quantisation variance of a
-    line of theta, `step` [n, rad] the encoder step found in the data, `drift` [n, rad] how far each joint's mean moved
-    from the first to the last kept period, `offset` [n, rad] mean link posture minus declared one (drift and offset
-    joint side; m for prismatic joints). `status` is empty when all is well.
+    R independent samples of the error of (tau, theta) at every line: the mean of z z^H is its covariance. `variance`
+    [L] is E|dG|^2, smoothed over `width` lines to `dof` degrees of freedom, never below the quantisation floor.
+    `first` is the first settled period of the record, `periods` the number kept, `floor` [n, rad^2] the quantisation
+    variance of a line of theta, `step` [n, rad] the encoder step found in the data, `drift` [n, rad] how far each
+    joint's mean moved from the first to the last kept period, `offset` [n, rad] mean link posture minus declared one
+    (drift and offset joint side; m for prismatic joints). `status` is empty when all is well.
     """
 
     record: str
@@ -114,6 +116,13 @@ class Frf:
     def G(self) -> Complex:
         """theta / tau of the excited joint [L], rad per N m."""
         return np.asarray(self.H[:, self.index])
+
+    @cached_property
+    def usable(self) -> NDArray[np.bool_]:
+        """Lines [L] whose torque is `USABLE` times its noise. Below, feedback has eaten the excitation: G is biased and
+        `variance`, which is first order in noise over torque, too small."""
+        noise = np.mean(np.abs(self.noise[:, :, self.index]) ** 2, axis=0)
+        return np.asarray(np.abs(self.tau[:, self.index]) ** 2 > USABLE**2 * moving_average(noise, self.width))
 
     def covariance(self) -> Complex:
         """Returns the noise covariance of (tau, theta) of all joints [L, 2n, 2n], smoothed over `width` lines.
@@ -227,8 +236,8 @@ def _settle(record: Record, band: NDArray[np.int64], floor: Array) -> tuple[int,
     """Returns the first settled period and whether that could be tested and was passed, from the angles of all joints.
 
     Going backwards, a period joins the settled ones as long as it and its successor differ, leakage taken off, by no
-    more noise than the pairs after them. Slow noise and the smooth part of a transient leak into all lines alike and are
-    taken off with the leakage; what is left of a transient or a disturbance is not. Power ratios of a line are
+    more noise than the pairs after them. Slow noise and the smooth part of a transient leak into all lines alike and
+    are taken off with the leakage; what is left of a transient or a disturbance is not. Power ratios of a line are
     F distributed; their geometric mean over a few lines, or all, is compared with that distribution as if it were one
     line, because the lines share bins. `floor` [n] is the quantisation variance of a line of one period.
     """
@@ -322,8 +331,8 @@ def _variance(tau: Complex, theta: Complex, noise: Complex, width: int, floor: f
 def _noise_shape(power: Array, gain: Array) -> Array:
     """Returns a * gain + b [L] that fits the noise power [L] best, a, b >= 0.
 
-    Itakura-Saito divergence (the likelihood of a periodogram), multiplicative updates: C. Fevotte et al., Neural Computation 21 (2009), DOI
-    10.1162/neco.2008.04-08-771.
+    Itakura-Saito divergence (the likelihood of a periodogram), multiplicative updates: C. Fevotte et al., Neural
+    Computation 21 (2009), DOI 10.1162/neco.2008.04-08-771.
     """
     parts = np.stack([gain / gain.mean(), np.ones_like(gain)])
     weight = np.full(2, power.mean() / 2.0)
@@ -336,9 +345,7 @@ def _noise_shape(power: Array, gain: Array) -> Array:
 def _detect(
     band: NDArray[np.int64], excited: NDArray[np.bool_], theta: Complex, noise: Complex, record: Record
 ) -> Detection:
-    """Returns the levels at the lines of `band` [F] that are not `excited` [F], from `theta` [F, n] and its errors [R,
-    F, n].
-    """
+    """Returns the levels at lines of `band` [F] not `excited` [F], of `theta` [F, n] with error `noise` [R, F, n]."""
     silent, size = ~excited, np.abs(theta)
     lines, tiny = band[silent], np.finfo(float).tiny
     around = np.stack([np.exp(np.interp(lines, band[excited], np.log(x[excited] + tiny))) for x in size.T], axis=1)

@@ -58,7 +58,7 @@ def pseudo_inertia(parameters: ArrayLike) -> Array:
     """Returns the pseudo-inertia [.., 4, 4] of `parameters` [.., 10]: m [kg], mx, my, mz [kg m], Lxx, Lxy, Lyy, Lxz,
     Lyz, Lzz [kg m2].
 
-    L is about the link-frame origin. Source: the module's DOI, (5).
+    L is about the link-frame origin. Source: Wensing et al., cited above.
     """
     m, x, y, z, xx, xy, yy, xz, yz, zz = np.moveaxis(np.asarray(parameters, dtype=float), -1, 0)
     P = [

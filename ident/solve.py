@@ -44,8 +44,8 @@ class Alpha:
     `determined` [d]: alphas fixed by the data; `unseen` [d, k]: orthonormal directions the data say nothing about (k =
     0 when all is well; else value is the smallest of all equally good ones, and covariance leaves these directions
     out). `residual` [M] measured minus solved J; `redundancy` [M] in 0 .. 1: the share of a measurement checked by the
-    others, 0 where nothing does; `standardised` [M] the residual over its own standard deviation, 0 where nothing
-    checks it. `agrees` when chi2 is below its 99.9 % limit.
+    others, 0 where nothing does; `left_out` [M] measured minus what the others say of it, `standardised` [M] the same
+    over its own standard deviation, both 0 where nothing checks it. `agrees` when chi2 is below its 99.9 % limit.
     """
 
     value: Array
@@ -91,11 +91,11 @@ def solve(
 ) -> Alpha:
     """Returns alpha [d] from rows @ alpha = J, joint by joint from the tip (highest index) to the base.
 
-    `rows` [M, d, 1], `J` [M, kg m2] with `std` [M], or with a covariance [M, M] where measurements of one joint (never of
-    two) are correlated, `joint_of_measurement` [M] and `joint_of_alpha` [d] joint indices (a
-    joint's own new alphas; used to name and order, never to weigh). An alpha its own joint can not determine stays open
-    until a later joint closes it; those open at the end are named in `status`. Raises IdentError for shapes that do not
-    fit, non-finite numbers and standard deviations or a covariance that are not positive.
+    `rows` [M, d, 1], `J` [M, kg m2] with `std` [M], or with a covariance [M, M] where measurements of one joint (never
+    of two) are correlated, `joint_of_measurement` [M] and `joint_of_alpha` [d] joint indices (a joint's own new alphas;
+    used to name and order, never to weigh). An alpha its own joint can not determine stays open until a later joint
+    closes it; those open at the end are named in `status`. Raises IdentError for shapes that do not fit, non-finite
+    numbers and standard deviations or a covariance that are not positive.
     """
     C, b, L, of_row, of_alpha = _checked(rows, J, std, joint_of_measurement, joint_of_alpha)
     M, d = C.shape
@@ -199,7 +199,7 @@ class _Estimate:
 def _checked(
     rows: ArrayLike, J: ArrayLike, std: ArrayLike, joint_of_measurement: ArrayLike, joint_of_alpha: ArrayLike
 ) -> tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Returns rows, J, L (L L' the covariance of J) and the joints; raises IdentError naming the first that does not fit."""
+    """Returns rows, J, L (L L' the covariance of J), joints; raises IdentError naming the first that does not fit."""
     C, b, sigma = (np.asarray(a, dtype=float) for a in (rows, J, std))
     square = sigma.ndim == 2
     of_row, of_alpha = np.asarray(joint_of_measurement, dtype=np.int64), np.asarray(joint_of_alpha, dtype=np.int64)
@@ -207,7 +207,8 @@ def _checked(
         raise IdentError(f"rows must be [measurements, alphas], found shape {C.shape}")
     M, d = C.shape
     for name, array, length in (
-        ("J", b, M), ("std", sigma[:, 0] if square else sigma, M), ("joint_of_measurement", of_row, M), ("joint_of_alpha", of_alpha, d)
+        ("J", b, M), ("std", sigma[:, 0] if square else sigma, M), ("joint_of_measurement", of_row, M),
+        ("joint_of_alpha", of_alpha, d),
     ):  # fmt: skip
         if array.shape != (length,):
             raise IdentError(f"{name} has shape {array.shape}, expected ({length},) to fit rows of shape {C.shape}")
@@ -217,10 +218,14 @@ def _checked(
     spread = np.diag(sigma) if square else sigma
     if not (spread > 0).all():
         raise IdentError(f"std: measurement {np.argmin(spread)} has {spread.min():g}, expected more than 0")
+    if square and (
+        sigma.shape != (M, M) or not np.allclose(sigma, sigma.T, rtol=1e-9, atol=1e-12 * np.abs(sigma).max())
+    ):
+        raise IdentError(f"std: a covariance must be symmetric [{M}, {M}], found shape {sigma.shape}")
     try:
         return C, b, np.linalg.cholesky(sigma) if square else np.diag(sigma), of_row, of_alpha
     except np.linalg.LinAlgError:
-        raise IdentError(f"covariance of J: shape {sigma.shape} not symmetric positive definite") from None
+        raise IdentError("std: the covariance of J is not positive definite") from None
 
 
 def _status(

@@ -1,4 +1,4 @@
-"""Records of linear elastic-joint arms with known truth: exactly sampled (zero-order hold), periodic, with the transient in front."""
+"""Records of linear elastic-joint arms with known truth: exactly sampled, periodic, with the transient in front."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ENCODER = 2 * np.pi / 131072  # 17 bit
 
 @dataclass(frozen=True)
 class Arm:
-    """Linear arm about a posture: link inertia `J` [n, n], gravity stiffness `K_g` [n, n] joint side, `J_m` .. [n] as everywhere."""
+    """Linear arm about a posture: link inertia `J` and gravity stiffness `K_g` [n, n] joint side, the rest [n]."""
 
     J: np.ndarray
     K: np.ndarray
@@ -30,8 +30,8 @@ class Arm:
     @staticmethod
     def joint(J_m, K, J_l, D, D_spring, K_g, N=100.0):
         """One flexible joint, in the order of the six parameters of ident.fit."""
-        return Arm(*(np.atleast_2d(float(J_l)), np.r_[float(K)], np.r_[float(J_m)], np.r_[float(D)], np.r_[float(D_spring)]),
-                   np.atleast_2d(float(K_g)), np.r_[float(N)])  # fmt: skip
+        vectors = (np.array([float(value)]) for value in (K, J_m, D, D_spring))
+        return Arm(np.array([[float(J_l)]]), *vectors, K_g=np.array([[float(K_g)]]), N=np.array([float(N)]))
 
     def continuous(self):
         """A [4n, 4n], B [4n, n] of x = (theta / N, q, their rates), input motor torque."""
@@ -68,11 +68,12 @@ class Arm:
         return self.N[:, None] * X[:, :n]
 
 
-# The paper's arm at POS1 (findings, section 3): coupled joints 2 and 3, stiffness 5500 / 4500 / 4500.
+# The paper's arm at POS1: coupled joints 2 and 3, stiffness 5500 / 4500 / 4500.
 YPP = Arm(
     J=np.array([[0.6987, 0, 0], [0, 0.6929, 0.13945], [0, 0.13945, 0.0466]]),
     K=np.array([5500.0, 4500, 4500]), J_m=np.array([4e-5, 4e-5, 1e-5]), D=np.array([3e-5, 3e-5, 1e-5]),
-    D_spring=np.array([1.2, 1.1, 0.3]), K_g=np.array([[0.0, 0, 0], [0, -8.0, -2.0], [0, -2.0, -2.0]]), N=np.full(3, 100.0),
+    D_spring=np.array([1.2, 1.1, 0.3]), K_g=np.array([[0.0, 0, 0], [0, -8.0, -2.0], [0, -2.0, -2.0]]),
+    N=np.full(3, 100.0),
 )  # fmt: skip
 
 
@@ -84,12 +85,12 @@ def multisine(lines, S, rms, rng, f0=0.1):
     return x * rms / np.sqrt(np.mean(x**2))
 
 
-def record(arm, excited, *, lines=None, periods=6, f0=0.1, rms=0.1, noise=0.005, step=ENCODER, gains=None, rng=None, id="r0",
-           posture=None, level=None, extra=None):  # fmt: skip
+def record(arm, excited, *, lines=None, periods=6, f0=0.1, rms=0.1, noise=0.005, step=ENCODER, gains=None, rng=None,
+           id="r0", posture=None, level=None, extra=None):  # fmt: skip
     """A record of `arm` with feedback tau = r - kp theta - kd theta' (gains [n, 2], motor side, on the fine angle).
 
-    `noise` is white unrecorded torque on every motor relative to `rms`; `step` the encoder step (0: none); `level` [n] a
-    static torque; `extra` [T] a further unrecorded torque on the excited motor.
+    `noise` is white unrecorded torque on every motor relative to `rms`; `step` the encoder step (0: none); `level` [n]
+    a static torque; `extra` [T] a further unrecorded torque on the excited motor.
     """
     rng = rng or np.random.default_rng(0)
     n, S = len(arm.K), round(FS / f0)
@@ -123,8 +124,8 @@ def record(arm, excited, *, lines=None, periods=6, f0=0.1, rms=0.1, noise=0.005,
 
 def campaign(arm, records=(), hold="zoh"):
     n = len(arm.K)
-    return Campaign("<robot/>", tuple(f"joint{k + 1}" for k in range(n)), FS, hold, arm.N, np.full(n, np.nan), arm.K, np.zeros(3),
-                    "synthetic", tuple(records))  # fmt: skip
+    names = tuple(f"joint{k + 1}" for k in range(n))
+    return Campaign("<robot/>", names, FS, hold, arm.N, np.full(n, np.nan), arm.K, np.zeros(3), "made", tuple(records))
 
 
 def measured(f, G, variance):
@@ -136,7 +137,7 @@ def measured(f, G, variance):
 
 
 def plants(count, rng):
-    """Random flexible joints [count, 6] with f_AR 5 .. 100 Hz, J_l / (N^2 J_m) 0.03 .. 20, damping 0.2 .. 3 %, f_R < 115 Hz."""
+    """Random joints [count, 6]: f_AR 5 .. 100 Hz, f_R < 115 Hz, J_l / (N^2 J_m) 0.03 .. 20, damping 0.2 .. 3 %."""
     found = []
     while len(found) < count:
         K, f_AR, r, zeta = np.exp(rng.uniform(np.log([500, 5, 0.03, 0.002]), np.log([5e4, 100, 20, 0.03])))

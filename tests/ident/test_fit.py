@@ -1,4 +1,4 @@
-"""From a frequency response to K, J_m, J_l: the exact optimum, honest figures, and a plain no where two masses do not do."""
+"""From a response to K, J_m, J_l: the exact optimum, honest figures, and a plain no where two masses do not do."""
 
 from __future__ import annotations
 
@@ -115,6 +115,15 @@ def test_an_explained_closed_loop_record_gives_the_joint_within_its_deviations()
         assert found.band_ratio == pytest.approx(np.sqrt(4500 / 0.6929) / (2 * np.pi) / 119.9, rel=1e-3)
 
 
+def test_a_joint_held_far_too_stiffly_is_fitted_on_the_lines_that_are_left():
+    made = record(JOINT, 0, gains=[[0.05, 0.01]], lines=np.arange(1, 601, 2), noise=0.3)
+    frf = estimate(made, campaign(JOINT))
+    found = two_mass(frf, N, FS, "zoh")
+    assert 0.1 < 1 - np.mean(frf.usable) < 0.5 and found.dof == 2 * np.count_nonzero(frf.usable) - 6
+    assert "of the lines left out: feedback takes their torque" in found.status[0]
+    assert found.explained and abs(found.J_l - PLANT[2]) < 5 * found.std[2]
+
+
 def test_a_wrong_hold_does_not_explain_the_record():
     frf = estimate(record(JOINT, 0, gains=SOFT), campaign(JOINT))
     wrong = two_mass(frf, N, FS, "band-limited")
@@ -179,7 +188,10 @@ def test_limit_is_exceeded_as_often_as_it_says_when_variances_are_estimated():
         (lambda: predict(PLANT, ODD, N, FS, "foh"), "hold must be one of zoh, band-limited, found 'foh'"),
         (lambda: predict([4e-5, -1, 1, 0, 0, 0], ODD, N, FS, "zoh"), "J_m, K, J_l > 0"),
         (lambda: predict([1, 2], ODD, N, FS, "zoh"), "parameters must be J_m, K, J_l"),
-        (lambda: two_mass(noisy(PLANT, ODD[:5], np.random.default_rng(0)), N, FS, "zoh"), "5 excited lines"),
+        (
+            lambda: two_mass(noisy(PLANT, ODD[:5], np.random.default_rng(0)), N, FS, "zoh"),
+            "5 of 5 excited lines are usable",
+        ),
         (lambda: two_mass(noisy(PLANT, ODD, np.random.default_rng(0)), N, FS, "zoh", [0] * 6), "J_m, K, J_l > 0"),
     ],
 )

@@ -11,7 +11,7 @@ from scipy.stats import chi2, kstest
 from ident.errors import IdentError
 from ident.solve import combine, inertia_std, solve
 
-# The paper's arm, alpha_11, alpha_12, alpha_13, alpha_21, alpha_22, alpha_31, rows of (17)-(19) with 2 alpha_21 c_2 c_23.
+# The paper's arm: alpha_11, alpha_12, alpha_13, alpha_21, alpha_22, alpha_31; (17)-(19) with 2 alpha_21 c_2 c_23.
 JOINT_OF_ALPHA = [0, 0, 0, 1, 1, 2]
 POS1, POS2, POS3 = (0, 0), (0, -np.pi / 2), (np.pi / 2, 0)  # q_2, q_3
 
@@ -64,6 +64,25 @@ def test_a_saturated_plan_can_not_see_its_own_error_and_one_spare_posture_can():
     assert right.agrees and right.chi2 == pytest.approx(0, abs=1e-20)
 
 
+def test_correlated_measurements_of_a_joint_give_the_generalised_solution_and_check_each_other():
+    rng = np.random.default_rng(6)
+    cells = [*CELLS, (0, (0, np.pi)), (1, (0, 2.0)), (0, (0.7, 0.9))]
+    C, M = rows(cells), len(cells)
+    same = np.equal.outer(joints(cells), joints(cells))
+    V = np.where(same, 0.9e-4, 0) + 1e-5 * np.eye(M)  # a common drive error of every joint, and noise
+    J = C @ ALPHA + np.linalg.cholesky(V) @ rng.normal(size=M)
+    found = solve(C, J, V, joints(cells), JOINT_OF_ALPHA)
+    information = C.T @ np.linalg.solve(V, C)
+    tolerance = 100 * np.finfo(float).eps * np.linalg.cond(information)
+    assert found.value == pytest.approx(np.linalg.solve(information, C.T @ np.linalg.solve(V, J)), rel=tolerance)
+    assert found.covariance == pytest.approx(np.linalg.inv(information), rel=tolerance, abs=tolerance * 1e-4)
+    for k in np.flatnonzero(found.redundancy):  # what the others, and the errors they share with it, say of it
+        rest = np.arange(M) != k
+        other = solve(C[rest], J[rest], V[np.ix_(rest, rest)], np.array(joints(cells))[rest], JOINT_OF_ALPHA)
+        shared = V[k, rest] @ np.linalg.solve(V[np.ix_(rest, rest)], J[rest] - C[rest] @ other.value)
+        assert found.left_out[k] == pytest.approx(J[k] - C[k] @ other.value - shared, rel=1e-6)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(0, 6), st.integers(1, 5))
 def test_any_plan_in_any_order_gives_the_global_weighted_solution(seed, d, spare, n):
@@ -74,7 +93,7 @@ def test_any_plan_in_any_order_gives_the_global_weighted_solution(seed, d, spare
     found = solve(C, J, std, rng.integers(n, size=d + spare), rng.integers(n, size=d))
     A = C / std[:, None]
     y, singular = J / std, np.linalg.svd(A, compute_uv=False)
-    # least squares with a large residual is as sensitive as the condition squared, relative to |y| / smallest singular value
+    # with a large residual as sensitive as the condition squared, relative to |y| over the smallest singular value
     tolerance = 100 * np.finfo(float).eps * (singular[0] / singular[-1]) ** 2
     expected, misfit = np.linalg.lstsq(A, y, rcond=None)[:2]
     covariance = np.linalg.inv(A.T @ A)
@@ -184,6 +203,9 @@ def test_records_that_agree_are_averaged_and_seldom_called_different():
             "rows: measurement 1 is not finite",
         ),
         ({"rows": np.zeros((0, 6))}, "rows must be"),
+        ({"std": np.ones((6, 5))}, r"std: a covariance must be symmetric \[6, 6\], found shape \(6, 5\)"),
+        ({"std": np.eye(6) + np.eye(6, k=1)}, "std: a covariance must be symmetric"),
+        ({"std": np.ones((6, 6))}, "std: the covariance of J is not positive definite"),
         ({"joint_of_measurement": [0]}, "joint_of_measurement has shape"),
         ({"joint_of_alpha": [0]}, "joint_of_alpha has shape"),
     ],
