@@ -17,6 +17,7 @@ from scipy.stats import gamma
 from ident.campaign import Array
 from ident.errors import IdentError
 from ident.frf import Complex, Frf
+from ident.start import START_DAMPING, largest_rise, starts_of
 
 #: The six parameters of a flexible joint: J_m [kg m2], D [N m s/rad] motor side; K [N m/rad], J_l [kg m2],
 #: D_spring [N m s/rad], K_g [N m/rad] (gravity stiffness of the link) joint side.
@@ -35,8 +36,6 @@ RANK_TOLERANCE = 1e-10
 REACH = np.array([6.0, 6.0, 6.0, 14.0, 14.0])
 #: Residual of a trial step that can not be computed: more than any measured one, and its square is still a number.
 REFUSED = 1e100
-#: Two decades of damping ratio around this cover gears from good to worn; only a start value.
-START_DAMPING = 0.01
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ def three_point(frf: Frf, N: float) -> ThreePoint:
     """
     f = frf.frequencies
     velocity = 2 * np.pi * f * np.abs(frf.G)
-    dip, peak = _largest_rise(velocity)
+    dip, peak = largest_rise(velocity)
     J_m = 1.0 / (2 * np.pi * f[-1] * velocity[-1])
     J_l = (f[peak] ** 2 / f[dip] ** 2 - 1.0) * N**2 * J_m
     status = []
@@ -140,9 +139,9 @@ def two_mass(frf: Frf, N: float, fs: float, hold: str, start: ArrayLike | None =
         raise IdentError(f"record {frf.record}: {found}, a flexible joint needs at least {len(PARAMETERS)}")
     dof = 2 * len(f) - len(PARAMETERS)
     limit = chi2_limit(len(f), dof, frf.dof, frf.width)
-    starts = [_vector(start)] if start is not None else _starts(f, G, sigma, N, fs, hold)
-    best, cost, converged = starts[0], np.inf, False
-    for guess in starts:
+    starts = iter([_vector(start)]) if start is not None else starts_of(f, G, sigma, N, fs, hold)
+    best, cost, converged = np.zeros(len(PARAMETERS)), np.inf, False
+    for guess in starts:  # made one by one: most records need only the first
         p, c, success = _least_squares(guess, f, G, sigma, (N, fs, hold))
         if c < cost:
             best, cost, converged = p, c, success
@@ -285,85 +284,6 @@ def _least_squares(start: Array, f: Array, G: Complex, sigma: Array, model: Mode
 
     found = least_squares(residual, x0, jac=jacobian, method="lm", xtol=1e-10, ftol=1e-10, gtol=1e-12, max_nfev=60)
     return parameters(found.x), 2.0 * float(found.cost), bool(found.success)
-
-
-def _starts(f: Array, G: Complex, sigma: Array, N: float, fs: float, hold: str) -> list[Array]:
-    """Returns start values, best first: rational fit, interpolated three points, and a pair above the band."""
-    w, T = 2 * np.pi * f, 1.0 / fs
-    z = np.exp(1j * w * T)
-    free = T**2 * (z + 1) / (2 * (z - 1) ** 2) if hold == "zoh" else -1.0 / w**2  # response of a unit inertia
-    rational = _rational_start((1j * w).astype(complex), G / free, sigma / np.abs(free), N)
-    J_top = float(np.abs(free[-1] / G[-1]))
-    above = (2 * np.pi * 1.5 * f[-1]) ** 2 * J_top / 2 * N**2
-    damping = 2 * START_DAMPING * np.sqrt(above * J_top / 2) * N
-    last = np.array([J_top / 2, above, J_top / 2 * N**2, J_top * w[0], damping, 0.0])
-    return [guess for guess in (rational, _three_point_start(f, np.abs(G / free), N), last) if guess is not None]
-
-
-def _rational_start(s: Complex, H: Complex, sigma: Array, N: float) -> Array | None:
-    """Returns parameters from s^2 (n0 + n1 s + n2 s^2) / (s^4 + d3 s^3 + d2 s^2 + d1 s + d0) = H [L], if possible.
-
-    H = theta / tau over the response of a unit inertia, so that the hold cancels. Linear in the coefficients, no local
-    minima: iterated linear least squares, C. Sanathanan, J. Koerner, IEEE TAC 8 (1963), DOI 10.1109/TAC.1963.1105517.
-    """
-    unit = np.abs(s[-1])
-    x = s / unit
-    lead = x**4
-    columns = np.stack([x**2, x**3, lead, -H, -H * x, -H * x**2, -H * x**3], axis=1)
-    weight, best, coefficients = 1.0 / (sigma * np.abs(lead)), np.inf, np.zeros(7)
-    for _ in range(20):
-        A, b = columns * weight[:, None], H * lead * weight
-        A, b = np.concatenate([A.real, A.imag]), np.concatenate([b.real, b.imag])
-        size = np.linalg.norm(A, axis=0)
-        c = np.linalg.lstsq(A / size, b, rcond=None)[0] / size
-        denominator = lead + np.stack([x**k for k in range(4)], axis=1) @ c[3:]
-        cost = np.sum(np.abs((H - columns[:, :3] @ c[:3] / denominator) / sigma) ** 2)
-        if cost < best:
-            best, coefficients = cost, c
-        weight = 1.0 / (sigma * np.abs(denominator))
-    n0, n1, n2, d0, _, d2, d3 = coefficients * unit ** np.array([2.0, 1, 0, 4, 3, 2, 1])
-    if n2 == 0.0:
-        return None
-    J_m, w_z2 = 1.0 / n2, n0 / n2  # w_z2 = (K + K_g) / J_l
-    k = (d2 - w_z2) * J_m  # K / N^2, damping products left out
-    if J_m <= 0.0 or k <= 0.0 or w_z2 <= d0 * J_m / k:
-        return None
-    J_l = k / (w_z2 - d0 * J_m / k)
-    c = n1 / n2 * J_l
-    D = J_m * d3 - c * (1.0 + J_m / J_l)
-    return np.array([J_m, k * N**2, J_l * N**2, D, c * N**2, d0 * J_m / k * J_l * N**2])
-
-
-def _three_point_start(f: Array, size: Array, N: float) -> Array | None:
-    """Returns parameters from interpolated dip and peak of |H| [L], or None when they are not inside the band.
-
-    |H| at the top is 1/J_m times (1 - f_AR^2/f^2) / (1 - f_R^2/f^2): the factor that the paper's rule leaves out.
-    """
-    dip, peak = _largest_rise(size)
-    f_AR, f_R = _vertex(f, np.log(size), dip), _vertex(f, np.log(size), peak)
-    if not f_AR < f_R < f[-1]:
-        return None
-    top = f[-1] ** 2
-    J_m = (1.0 - f_AR**2 / top) / (1.0 - f_R**2 / top) / size[-1]
-    J_l = (f_R**2 / f_AR**2 - 1.0) * N**2 * J_m
-    K = 4 * np.pi**2 * f_AR**2 * J_l
-    return np.array([J_m, K, J_l, J_m * 2 * np.pi * f[0], 2 * START_DAMPING * np.sqrt(K * J_l), 0.0])
-
-
-def _largest_rise(size: Array) -> tuple[int, int]:
-    """Returns (dip, peak): the indices i < j with the largest ratio size[j] / size[i]."""
-    logarithm = np.log(size)
-    lowest = np.minimum.accumulate(logarithm)
-    peak = int(np.argmax(logarithm - lowest))
-    return int(np.argmin(logarithm[: peak + 1])), peak
-
-
-def _vertex(f: Array, y: Array, i: int) -> float:
-    """Returns the frequency of the extremum of the parabola through y around index i; f[i] at the ends of the band."""
-    if not 0 < i < len(f) - 1:
-        return float(f[i])
-    a, b, _ = np.polyfit(f[i - 1 : i + 2] - f[i], y[i - 1 : i + 2], 2)
-    return float(f[i] + np.clip(-b / (2 * a) if a else 0.0, f[i - 1] - f[i], f[i + 1] - f[i]))
 
 
 def _covariance(J: NDArray[np.complex128], p: Array) -> tuple[Array, float]:
