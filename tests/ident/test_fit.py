@@ -199,3 +199,12 @@ def test_misuse_is_refused_in_one_line(call, message):
     with pytest.raises(IdentError, match=message) as error:
         call()
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_link_of_a_few_percent_of_the_rotor_is_found_in_the_noise(seed):
+    """J_11 stretched upwards: J_l / (N^2 J_m) = 0.04, a bump of a few percent in a response as noisy as that."""
+    p = [4e-5, 5500, 0.0152, 3e-5, 1.2, 0]
+    found = two_mass(noisy(p, np.arange(1, 1201) * 0.1, np.random.default_rng(seed), relative=0.03), N, FS, "zoh")
+    assert found.explained
+    assert abs(found.J_l - 0.0152) < 5 * found.std[2] < 0.3 * 0.0152
