@@ -1,0 +1,290 @@
+"""The result of an identification for programs (result.json) and for the engineer who has to use it (report.html)."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from contextlib import suppress
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident import verdict
+from ident.errors import IdentError
+from ident.fit import PARAMETERS
+from ident.identify import UNSEEN_POSTURES, Identification, Measurement
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+#: Releases that decide digits and looks of a report.
+SOFTWARE = ("symgen", "numpy", "scipy", "clarabel", "matplotlib")
+
+
+def result_document(identification: Identification) -> dict[str, Any]:
+    """Returns result.json: plain numbers, lists and strings; what is unknown or infinite is None, never NaN.
+
+    Units kg m2 (kg for a sliding joint), N m/rad, N m s/rad, Hz; K joint side, J_m and D motor side.
+    """
+    r = identification
+    d = r.model.d
+    std = np.concatenate([r.alpha.std, np.full(len(r.alpha_all) - d, np.inf)])
+    drives = {drive.joint: drive for drive in r.drives}
+
+    def shared(name: str) -> dict[str, list[float | None]]:
+        own = [getattr(drives[joint], name) if joint in drives else None for joint in r.campaign.joints]
+        return {key: [getattr(one, key) if one else None for one in own] for key in ("value", "std")}
+
+    document = {
+        "robot": r.model.chain.name,
+        "urdf_sha256": r.model.chain.sha256,
+        "joints": r.campaign.joints,
+        "alpha": {
+            "names": r.model.names,
+            "value": r.alpha_all,
+            "std": std,
+            "unit": r.model.units,
+            "cad": r.model.alpha_cad,
+        },
+        "K": shared("K"),
+        "J_m": shared("J_m"),
+        "D": shared("D"),
+        "drives_agree": {drive.joint: drive.agrees for drive in r.drives},
+        "chi2_per_dof": r.chi2_per_dof,
+        "explained": r.explained,
+        "problems": [asdict(problem) for problem in verdict.problems(r)],
+        "not_identifiable": verdict.not_identifiable(r),
+        "physically_consistent": {"ok": r.consistency.ok, "distance": r.consistency.distance},
+        "method": r.method,
+        "inertia_vs_cad": _inertia_vs_cad(r),
+        "validation": _validation(r),
+        "records": {m.record.id: _record(m) for m in r.measurements},
+        "notes": r.notes,
+        "seconds": r.seconds,
+    }
+    plain: dict[str, Any] = _plain(document)
+    return plain
+
+
+def html(identification: Identification) -> str:
+    """Returns the report as one HTML file that needs nothing else: offline, on paper, on a dark or narrow screen."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    from ident import figures
+
+    r, n, document = identification, identification.campaign.n, result_document(identification)
+    folder = FileSystemLoader(Path(__file__).parent / "templates")
+    environment = Environment(
+        loader=folder, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"number": verdict.number, "percent": _percent, "within": _within, "constant": _constant}
+    drives = {drive.joint: drive for drive in r.drives}
+    joints = [
+        {"name": name, "linear": joint.type == "prismatic", "drive": drives.get(name)}
+        for name, joint in zip(r.campaign.joints, r.model.chain.joints, strict=True)
+    ]
+    rows: list[dict[str, Any]] = [
+        {
+            "m": m,
+            "name": verdict.entry(m.index, m.index, n),
+            "posture": _posture(m, r),
+            "lines": m.record.lines * m.record.f0,
+            "figure": Markup(figures.frf_figure(m, r.campaign)),
+            "distortion": Markup(figures.distortion_figure(m) or ""),
+            "seen": ", ".join(verdict.distorted(m)),
+        }
+        for m in r.measurements
+    ]
+    sweeps = [
+        {"name": verdict.entry(i, i, n), "along": r.campaign.joints[j], "sigma": sigma, "figure": Markup(svg)}
+        for i, j, sigma, svg in figures.sweep_figures(r)
+    ]
+    return environment.get_template("report.html.jinja").render(
+        r=r,
+        document=document,
+        joints=joints,
+        rows=rows,
+        sweeps=sweeps,
+        facts=_facts(r, document),
+        serious=any(problem["serious"] for problem in document["problems"]),
+        suspects=list(dict.fromkeys(row["name"] for row in rows if not row["m"].two_mass.explained)),
+        bands=tuple(verdict.BANDS),
+        entry_name=lambda i, j: verdict.entry(i, j, n),
+        limit=figures.RESIDUAL_LIMIT,
+        inf=np.inf,
+        software={"Python": platform.python_version()} | {name: version(name) for name in SOFTWARE},
+    )
+
+
+def write(identification: Identification, directory: str | Path) -> tuple[Path, Path]:
+    """Writes result.json and report.html into `directory`, made where missing, and returns their paths.
+
+    Each file is replaced only by a finished one. IdentError naming the file that can not be written.
+    """
+    directory = Path(directory)
+    text = json.dumps(result_document(identification), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    result, report = directory / "result.json", directory / "report.html"
+    page = html(identification)
+    _replace(result, text)
+    _replace(report, page)
+    return result, report
+
+
+def summary_plot(identification: Identification, path: str | Path) -> None:
+    """Writes the responses of all records as one compact SVG file. IdentError if it can not be written."""
+    from ident import figures
+
+    _replace(Path(path), figures.summary_figure(identification))
+
+
+def _replace(path: Path, text: str) -> None:
+    """Writes a file complete or not at all, its directory too."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(text, encoding="utf-8", errors="replace")
+        os.replace(part, path)
+    except OSError as error:
+        raise IdentError(f"{path}: cannot be written: {error.strerror}") from None
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def _record(m: Measurement) -> dict[str, Any]:
+    fit, three = m.two_mass, m.three_point
+    return {
+        "excited": m.record.excited,
+        "posture": m.record.posture,
+        "J_l": m.J,
+        "std": m.std,
+        "J_cad": m.J_cad,
+        "two_mass": {name: getattr(fit, name) for name in PARAMETERS}
+        | {"std": dict(zip(PARAMETERS, fit.std_inflated, strict=True)), "dof": fit.dof, "chi2_limit": fit.chi2_limit},
+        "three_point": {name: getattr(three, name) for name in ("f_AR", "f_R", "J_m", "K", "J_l", "status")},
+        "chi2_per_dof": fit.chi2_per_dof,
+        "explained": fit.explained,
+        "f_AR": fit.f_AR,
+        "f_R": fit.f_R,
+        "inertia_ratio": fit.inertia_ratio,
+        "band_ratio": fit.band_ratio,
+        "periods_used": m.frf.periods,
+        "distortion": {name: verdict.distortion(m, *band) for name, band in verdict.BANDS.items()},
+        "status": (*m.frf.status, *fit.status),
+    }
+
+
+def _inertia_vs_cad(r: Identification) -> dict[str, Any]:
+    """J(q) against CAD at random postures: differences and sigma relative to the largest entry of CAD's J over them.
+
+    Entry by entry [n, n] and over all entries; `own_per_entry` relative to that entry's own largest value, None where
+    it is zero; sigma is the largest over the postures, None where it needs a constant that was not measured.
+    """
+    q = r.model.random_postures(UNSEEN_POSTURES, np.random.default_rng(0))
+    J_cad = r.model.J_cad(q)
+    scale = np.abs(J_cad).max()
+    own = np.abs(J_cad).max(axis=0)
+    present = own > 1e-9 * scale
+    off = np.abs(r.J(q) - J_cad) / scale
+    largest, rms = off.max(axis=0), np.sqrt(np.mean(off**2, axis=0))
+    return {
+        "postures": len(q),
+        "seed": 0,
+        "scale": scale,
+        "largest": largest.max(),
+        "rms": np.sqrt(np.mean(off**2)),
+        "own_per_entry": np.where(present, largest * scale / np.where(present, own, 1.0), np.nan),
+        "largest_per_entry": largest,
+        "rms_per_entry": rms,
+        "sigma_per_entry": r.J_std(q).max(axis=0) / scale,
+    }
+
+
+def _facts(r: Identification, document: dict[str, Any]) -> list[dict[str, Any]]:
+    """The result at a glance: label, value, note, and whether that is good (None: neither)."""
+    fits = [m.two_mass for m in r.measurements]
+    explained, d = sum(fit.explained for fit in fits), r.model.d
+    worst = max(fits, key=lambda fit: fit.chi2_per_dof / fit.chi2_limit)
+    known = r.alpha.determined & (r.alpha.value != 0.0)
+    uncertain = float(np.max(r.alpha.std[known] / np.abs(r.alpha.value[known]), initial=0.0))
+    checks = [abs(check["sigmas"]) for check in document["validation"].values()]
+    against, number = document["inertia_vs_cad"], verdict.number
+    own = np.array(against["own_per_entry"], dtype=float)
+    i, j = (int(k) for k in np.unravel_index(np.nanargmax(own), own.shape))
+    largest = f"{verdict.entry(i, j, r.campaign.n)} by {number(100 * own[i, j], 2)} % of its own size"
+    checked = f"{len(checks)} of {len(fits)} checked by others"
+    agree = r.alpha.agrees and all(drive.agrees for drive in r.drives)
+    rows = [
+        ("records explained", f"{explained} of {len(fits)}", explained == len(fits),
+         f"largest χ²/dof {number(worst.chi2_per_dof, 3)}, noise allows {number(worst.chi2_limit, 3)}"),
+        ("constants determined", f"{r.alpha.determined.sum()} of {d}", bool(r.alpha.determined.all()),
+         f"least certain to {number(100 * uncertain, 2)} %"),
+        ("measurements agree", "yes" if agree else "no", agree,
+         checked + (f", worst by {number(max(checks), 2)} σ" if checks else "")),
+        ("rigid bodies with these constants", "exist" if r.consistency.ok else "do not exist", r.consistency.ok,
+         "" if r.consistency.ok else f"nearest ones {number(r.consistency.distance, 2)} σ away"),
+        ("largest difference from CAD", f"{number(100 * against['largest'], 2)} %", None,
+         f"of the largest entry of J(q); {largest}"),
+    ]  # fmt: skip
+    return [dict(zip(("label", "value", "ok", "note"), row, strict=True)) for row in rows]
+
+
+def _validation(r: Identification) -> dict[str, Any]:
+    """Each record that others check: its J_ii minus what the others predict for it."""
+    a = r.alpha
+    return {
+        m.record.id: {"absolute": a.left_out[k], "relative": a.left_out[k] / m.J, "sigmas": a.standardised[k]}
+        for k, m in enumerate(r.measurements)
+        if a.redundancy[k] > 0
+    }
+
+
+def _plain(value: Any) -> Any:
+    """The value in JSON's own types."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def _posture(m: Measurement, r: Identification) -> str:
+    """The posture as one reads it: degrees, metres (and said so) for a sliding joint."""
+    parts = [
+        f"{q:.4g} m" if joint.type == "prismatic" else f"{round(np.degrees(q), 1) + 0.0:g}"
+        for q, joint in zip(m.record.posture, r.model.chain.joints, strict=True)
+    ]
+    return ", ".join(parts).replace("-", "−")
+
+
+def _percent(value: float | None, reference: float | None) -> str:
+    """How far the value is from the reference, in percent of the reference with its sign."""
+    if value is None or reference is None or not np.isfinite(reference) or reference == 0.0:
+        return "–"
+    off = 100.0 * (value - reference) / abs(reference)
+    digits = 3 if abs(off) < 10.0 else 1
+    return f"{round(off, digits) + 0.0:+.{digits}f}".replace("-", "−")
+
+
+def _within(value: float | None, std: float | None) -> str:
+    """The value with the digits its standard deviation leaves it."""
+    if value is None or std is None or not np.isfinite(std) or std <= 0.0 or abs(value) < 1e-3 or abs(value) >= 1e6:
+        return verdict.number(value, 6)
+    return f"{value:.{int(np.clip(1 - np.floor(np.log10(std)), 0, 9))}f}".replace("-", "−")
+
+
+def _constant(name: str) -> Markup:
+    """A constant's name as one writes it: alpha_21 as alpha with index."""
+    from markupsafe import Markup
+
+    head, _, index = name.partition("_")
+    return Markup("<i>{}</i><sub>{}</sub>").format("α" if head == "alpha" else head, index)

@@ -1,0 +1,272 @@
+"""What an engineer must know before using an identified J(q): problems with reason and remedy, what stays unknown."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh
+
+from ident.campaign import Array
+from ident.drive import SharedDrive
+from ident.fit import UNTOLD, predict
+from ident.identify import Identification, Measurement
+from ident.physical import Consistency
+
+#: An anti-resonance that carries less than this share of J_ii leaves no visible pair in the response of motor i.
+VISIBLE_MODE = 0.01
+#: A fit that misses a clear line by more than this share has the wrong shape, not only small errors.
+GROSS_MISFIT = 0.2
+#: A line is clear when it stands this many standard deviations out of the noise.
+CLEAR = 10.0
+#: Friction shows below, springs show above.
+BANDS = {"below 5 Hz": (0.0, 5.0), "above 5 Hz": (5.0, np.inf)}
+#: Constants that bodies can not have, but this close to such: the noise of the measurement explains it.
+NOISE_DISTANCE = 3.0
+#: What to do about the consequences of records that are not explained.
+FIRST = "Remove the causes above first: one biased record is enough for this."
+#: Lines of one kind that are listed; the notes have all.
+LISTED = 6
+#: Motion of a held motor relative to the excited one, both joint side, that is worth telling.
+VISIBLE_MOTION = 0.01
+
+
+@dataclass(frozen=True)
+class Problem:
+    """`what` is wrong, `why` with numbers, and the `remedy`; `serious`: part of the result is not to be used."""
+
+    serious: bool
+    what: str
+    why: str
+    remedy: str
+
+
+def entry(i: int, j: int, n: int) -> str:
+    """The name of J_ij of an arm with n joints; i and j from 0."""
+    return f"J_{i + 1}{j + 1}" if n < 10 else f"J_{i + 1}_{j + 1}"
+
+
+def problems(identification: Identification) -> tuple[Problem, ...]:
+    """Returns what stands against the result, the serious first; empty when all is well."""
+    r = identification
+    found = []
+    for joint in dict.fromkeys(m.record.excited for m in r.measurements):
+        own = [m for m in r.measurements if m.record.excited == joint]
+        if not all(m.two_mass.explained for m in own):
+            found.append(_unexplained(r, joint, own))
+    poor = {m.record.excited for m in r.measurements if not m.two_mass.explained}
+    found += [_different_drives(drive) for drive in r.drives if not drive.agrees and drive.joint not in poor]
+    if not r.alpha.agrees:
+        found.append(_contradiction(r, bool(poor)))
+    if not r.consistency.ok:
+        found.append(_impossible_bodies(r.consistency, bool(poor)))
+    doubts = [line for m in r.measurements for line in m.frf.status]
+    if doubts:
+        more = f"; and {len(doubts) - LISTED} more, see the notes" if len(doubts) > LISTED else ""
+        why = "; ".join(doubts[:LISTED]) + more + "."
+        found.append(Problem(False, "Some records are doubtful", why, "Record these again."))
+    return tuple(sorted(found, key=lambda problem: not problem.serious))
+
+
+def _different_drives(drive: SharedDrive) -> Problem:
+    return Problem(
+        True,
+        f"{drive.joint}: its records want different drives",
+        f"One K and one J_m for all its records miss them by χ²/dof {number(drive.chi2 / drive.dof)}; K scatters by "
+        f"{number(drive.K.spread)}, J_m by {number(drive.J_m.spread)}. K and J_m do not change with the posture: "
+        "something in the model does.",
+        "Each record keeps its own reading. Look for what two masses lack: other springs, friction, an amplitude that "
+        "differs between records.",
+    )
+
+
+def _contradiction(r: Identification, follows: bool) -> Problem:
+    worst = r.measurements[int(np.argmax(np.abs(r.alpha.standardised)))].record.id
+    return Problem(
+        True,
+        "The measured J_ii contradict each other",
+        f"No constants of this arm give all of them: χ² {number(r.alpha.chi2)} for {r.alpha.dof} degrees of freedom; "
+        f"record {worst} is furthest from what the others predict.",
+        FIRST
+        if follows
+        else "Check the posture and the joint zero of that record, a payload or tool the URDF lacks, and zeros that are "
+        "believed but not true.",
+    )
+
+
+def _impossible_bodies(found: Consistency, follows: bool) -> Problem:
+    serious = found.distance > NOISE_DISTANCE
+    nearest = f"The nearest constants that bodies can have are {number(found.distance, 2)} standard deviations away."
+    cause = "Some record carries a bias, or the URDF's geometry is wrong."
+    if not serious:
+        cause = "Noise explains that: measure more, or take the nearest ones."
+    elif follows:
+        cause = FIRST
+    return Problem(
+        serious,
+        "No rigid bodies have these constants",
+        " ".join((nearest, *found.status)),
+        f"Do not simulate or control with this matrix: it may lose positive definiteness. {cause}",
+    )
+
+
+def _unexplained(r: Identification, joint: str, own: list[Measurement]) -> Problem:
+    """Two masses do not explain records of `joint`: by how much, and what the declared arm and the data say of why."""
+    poor = [m for m in own if not m.two_mass.explained]
+    worst = max(poor, key=lambda m: m.two_mass.chi2_per_dof)
+    fit, name = worst.two_mass, entry(worst.index, worst.index, r.campaign.n)
+    miss, where = misfit(worst, r)
+    modes, others, bent = held_modes(r, worst), held_motion(r, worst), distorted(worst)
+    reasons = [
+        f"χ²/dof is {number(fit.chi2_per_dof)} in record {worst.record.id}, noise allows {number(fit.chi2_limit)}.",
+        f"The fit misses the response by up to {number(100 * miss, 2)} %, at {number(where)} Hz.",
+    ]
+    if len(modes) > 1:
+        reasons.append(
+            "However well the other motors are held, their springs give: the declared K and J(q) put the "
+            f"anti-resonances that this motor sees at {_and(modes)} Hz, and two masses have only one."
+        )
+    if others > VISIBLE_MOTION:
+        reasons.append(f"Held motors moved up to {number(100 * others, 2)} % as much as the excited one.")
+    if bent:
+        reasons.append(
+            f"Lines that were not excited answer above the noise ({', '.join(bent)}): it is not quite linear."
+        )
+    remedy = (
+        "A stiffer lock is not enough. Fit all joints together, or hold the other joints on their link side."
+        if len(modes) > 1 or others > VISIBLE_MOTION
+        else "Look at the misfit below the response: where it is large tells what is missing."
+    )
+    trust = "is not to be trusted" if miss > GROSS_MISFIT else "is further off than noise explains"
+    what = f"Two masses do not explain {joint} in {len(poor)} of {len(own)} records: {name} {trust}"
+    return Problem(True, what, " ".join(reasons), remedy)
+
+
+def _and(values: Array) -> str:
+    *first, last = (number(value) for value in values)
+    return f"{', '.join(first)} and {last}"
+
+
+def misfit(m: Measurement, identification: Identification) -> tuple[float, float]:
+    """Returns the largest |G - fit| / |G| over the lines that stand out of the noise, and its frequency [Hz]."""
+    c, frf = identification.campaign, m.frf
+    off = np.abs(frf.G - predict(m.two_mass.parameters, frf.frequencies, float(c.N[m.index]), c.fs, c.hold))
+    clear = frf.usable & (np.abs(frf.G) > CLEAR * np.sqrt(frf.variance))
+    relative = np.where(clear, off / np.abs(frf.G), 0.0)
+    return float(relative.max()), float(frf.frequencies[np.argmax(relative)])
+
+
+def held_modes(identification: Identification, m: Measurement) -> Array:
+    """Returns the anti-resonances [k, Hz] of the declared arm at the excited motor while all other motors stand still.
+
+    J v = K v / w^2; those that carry a visible share of J_ii as modal mass (J_ii is the sum of these masses). Empty
+    where K or J is not known. A link that is locked itself is not a held motor: then there is only one.
+    """
+    c, J = identification.campaign, identification.model.J_cad(m.record.posture)
+    K = c.K.copy()
+    for drive in identification.drives:
+        k = c.joints.index(drive.joint)
+        if not np.isfinite(K[k]):
+            K[k] = drive.K.value
+    if not np.isfinite(K).all() or J[m.index, m.index] <= 0.0:
+        return np.zeros(0)
+    inverse, v = eigh(J, np.diag(K))
+    share = inverse * (v[m.index] * K[m.index]) ** 2 / J[m.index, m.index]
+    return np.asarray(1.0 / (2.0 * np.pi * np.sqrt(inverse[share > VISIBLE_MODE][::-1])))
+
+
+def held_motion(identification: Identification, m: Measurement) -> float:
+    """Returns the largest rms motion of a held motor over the lines, relative to the excited one's, joint side."""
+    moved = np.sqrt(np.sum(np.abs(m.frf.theta / identification.campaign.N) ** 2, axis=0))
+    others = np.delete(moved, m.index)
+    return float(others.max() / moved[m.index]) if others.size else 0.0
+
+
+def distortion(m: Measurement, low: float = 0.0, high: float = np.inf) -> dict[str, float | None]:
+    """Returns the rms levels at "even" and "odd" lines in [low, high] Hz that were not excited, and of their "noise".
+
+    Relative to the excited lines; zero where nothing stands out of the noise, None where there are no such lines.
+    """
+    d, i = m.frf.detection, m.index
+    band = (d.frequencies >= low) & (d.frequencies <= high)
+    levels: dict[str, float | None] = {
+        kind: float(d.distortion(odd, low, high)[i]) if (band & (d.odd == odd)).any() else None
+        for kind, odd in (("even", False), ("odd", True))
+    }
+    return levels | {"noise": float(np.sqrt(np.mean(d.noise[band, i] ** 2))) if band.any() else None}
+
+
+def distorted(m: Measurement) -> list[str]:
+    """Returns where distortion stands out of the noise, in words."""
+    levels = {name: distortion(m, *band) for name, band in BANDS.items()}
+    return [f"{kind} lines {name}" for name in BANDS for kind in ("even", "odd") if levels[name][kind]]
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """The value with that many significant digits, an exponent only where zeros take over; a dash for no value."""
+    if value is None or not np.isfinite(value):
+        return "–"
+    text = f"{value:.{digits}g}"
+    if 1e-4 <= abs(value) < 1e6:
+        text = f"{float(text):.12f}".rstrip("0").rstrip(".")
+    return re.sub(r"e([+-])0*(\d+)", lambda e: "e" + e[1].strip("+") + e[2], text).replace("-", "−")
+
+
+def not_identifiable(identification: Identification) -> list[dict[str, str]]:
+    """Returns {what, why, remedy} for everything these records do not tell: constants, readings, off-diagonals."""
+    r = identification
+    found: list[dict[str, str]] = []
+
+    def add(what: str, why: str, remedy: str) -> None:
+        found.append({"what": what, "why": why, "remedy": remedy})
+
+    names = r.model.names
+    open_names = [name for name, known in zip(names, r.alpha.determined, strict=False) if not known]
+    if open_names:
+        add(
+            ", ".join(open_names),
+            "no combination of these records determines it; held at CAD",
+            "measure more postures: symgen plans them",
+        )
+    for m in r.measurements:
+        (name, reason, remedy), where = _band(m), f"of {m.record.excited}, record {m.record.id}"
+        if m.std > UNTOLD * abs(m.J):
+            ratio = f"J/(N² J_m) is {number(m.two_mass.inertia_ratio, 2)}"
+            why = "; ".join(filter(None, (_told(m.J, m.std), ratio, reason)))
+            add(f"J_l {where}", why, remedy or "excite more, record more periods, or measure K elsewhere")
+        elif reason:
+            share = number(100 * m.std / abs(m.J), 2)
+            why = f"{reason}; the shape of the response inside it tells J_l to {share} % by noise alone"
+            add(f"{name} {where}, directly", why, remedy)
+    for drive in r.drives:
+        for name, value in (("K", drive.K), ("J_m", drive.J_m)):
+            if value.std > UNTOLD * value.value:
+                remedy = "excite more, record more periods or a wider band"
+                add(f"{name} of {drive.joint}", _told(value.value, value.std), remedy)
+    groups: dict[tuple[int, int], list[str]] = {}
+    for alpha in r.model.factoring.alphas[r.model.d :]:
+        groups.setdefault((alpha.i, alpha.j), []).append(alpha.name)
+    for (i, j), members in groups.items():
+        add(
+            ", ".join(members),
+            f"only off-diagonals show it, {entry(i, j, r.campaign.n)} first; no J_ii does; held at CAD",
+            f"measure the cross response {i + 1} -> {j + 1} at {len(members)} postures",
+        )
+    return found
+
+
+def _told(value: float, std: float) -> str:
+    return f"{number(value)} with a standard deviation of {number(std, 2)}"
+
+
+def _band(m: Measurement) -> tuple[str, str, str]:
+    """Which of f_AR and f_R lies outside the band, by how much, and what helps; empty when both are inside."""
+    low, high = m.frf.frequencies[0], m.frf.frequencies[-1]
+    for name, f in (("f_AR", m.two_mass.f_AR), ("f_R", m.two_mass.f_R)):
+        if f < low:
+            return name, f"{name} {number(f, 4)} Hz is below the band, {number(low, 4)} Hz", "widen the band"
+        if f > high:
+            reason = f"{name} {number(f, 4)} Hz is above the band, {number(high, 4)} Hz"
+            return name, reason, "widen the band, or measure K elsewhere"
+    return "", "", ""
