@@ -87,13 +87,12 @@ def _progress(options: argparse.Namespace) -> Callable[[str], None]:
 def _campaign(options: argparse.Namespace) -> tuple[Campaign, bool]:
     """The planned campaign of a robot directory on the simulated robot, and whether its zeros are believed."""
     from ident.bench import simulate
-    from symgen.plan import chain_of_robot, make_plan, reflected_inertia
+    from symgen.plan import plan_of_robot
     from symgen.robot import load_robot
 
     robot = load_robot(options.robot)
-    chain = chain_of_robot(robot)
-    rotor = reflected_inertia(chain, robot.drives)
-    plan = make_plan(chain, believe_zeros=robot.believe_zeros, rotor=rotor)
+    plan = plan_of_robot(robot)
+    chain = plan.model.chain
     cells = [(cell.joint, cell.q) for cell in plan.cells]
     say = _progress(options)
     campaign = simulate(

@@ -43,6 +43,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--no-snap", action="store_true", help="keep angles such as 1.5708 as written")
     parser.add_argument("--spare", metavar="N", type=int, help="measurements beyond the minimum (default: a quarter)")
     parser.add_argument("--refine", action="store_true", help="search longer for the best plan")
+    parser.add_argument(
+        "--no-feasible", action="store_true", help="plan postures whatever gravity asks of the motors or touches itself"
+    )
     parser.add_argument("--no-verify", action="store_true", help="do not compare J(q) with Pinocchio's")
     parser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
     return parser
@@ -69,7 +72,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.spare is not None and options.spare < 0:
         raise SymgenError(f"--spare {options.spare}: expected 0 or more")
     settings = _settings(options)
-    believe_zeros, drives = settings.pop("believe_zeros"), settings.pop("drives")
+    believe_zeros, drives, gravity = (settings.pop(name) for name in ("believe_zeros", "drives", "gravity"))
     chain, unsnapped = plan.chain_of_file(options.urdf, snap=not options.no_snap, **settings)
     parsed = time.perf_counter() - start
     result = plan.make_plan(
@@ -79,11 +82,12 @@ def _run(options: argparse.Namespace) -> int:
         rotor=plan.reflected_inertia(chain, drives),
         spare=options.spare,
         effort="full" if options.refine else "quick",
+        feasible=None if options.no_feasible else plan.feasible_postures(chain, Path(options.urdf), drives, gravity),
     )
     document = dict(result.document)
     if not options.no_verify:
         document["verified"] = _verified(result)
-    document["seconds"] = {"parse": parsed, **document["seconds"]}
+    document["seconds"] = {"parse": parsed, **result.seconds}
     begin = time.perf_counter()
     document["files"] = _write(result, Path(options.out), Path(options.urdf)) if options.out else []
     document["seconds"]["emit"] = time.perf_counter() - begin
@@ -123,6 +127,7 @@ def _settings(options: argparse.Namespace) -> dict[str, Any]:
         if options.believe_zeros is not None
         else bool(robot and robot.believe_zeros),
         "drives": robot.drives if robot else (),
+        "gravity": robot.gravity if robot else (0.0, 0.0, -9.81),
     }
 
 

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from symgen import kinematics, postures, regressor
 from symgen.basis import Factoring, factor
 from symgen.chain import PRISMATIC, Array, Chain
 from symgen.errors import PlanError, RobotError
+from symgen.feasible import Feasible
 from symgen.formula import alpha_cad
 from symgen.robot import Drive, Robot
 from symgen.urdf import load_chain, parse_chain
@@ -114,11 +116,12 @@ def model_of_urdf(text: str, joints: Sequence[str], *, believe_zeros: bool = Fal
 
 @dataclass(frozen=True)
 class Plan:
-    """What symgen found about an arm and where to measure it; `document` holds the keys of plan.json."""
+    """What symgen found about an arm and where to measure it; `document` holds the keys of plan.json, `seconds` the time taken."""
 
     model: Model
     cells: tuple[Cell, ...]
     document: Mapping[str, Any]
+    seconds: Mapping[str, float]
 
     def write(self, path: Path) -> None:
         """Writes plan.json at `path`."""
@@ -154,23 +157,26 @@ def make_plan(
     rotor: Array | None = None,
     spare: int | None = None,
     effort: postures.Effort = "quick",
+    feasible: Feasible | None = None,
 ) -> Plan:
     """Returns the plan of an arm: ranks, constants, what the diagonals can not see, and the cells to measure.
 
     `unsnapped` is the same chain with the file's own angles, to state what snapping costs; `rotor` [n, kg m2] the
-    reflected motor inertias N^2 J_m; `spare` and `effort` as in `postures.plan`.
+    reflected motor inertias N^2 J_m; `spare`, `effort` and `feasible` as in `postures.plan`.
     """
     seconds = {}
     start = time.perf_counter()
     model = make_model(chain, believe_zeros=believe_zeros)
     seconds["derive"] = time.perf_counter() - start
     start = time.perf_counter()
-    design = postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, effort=effort)
+    design = postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, effort=effort, feasible=feasible)
     seconds["plan"] = time.perf_counter() - start
     cells = tuple(
         Cell(chain.names[i], q, bool(extra)) for i, q, extra in zip(design.joint, design.q, design.spare, strict=True)
     )
-    return Plan(model, cells, _document(model, design, cells, unsnapped) | {"seconds": seconds})
+    document = _document(model, design, cells, unsnapped)
+    document["plan"]["feasible"] = feasible.notes if feasible is not None else None
+    return Plan(model, cells, document, seconds)
 
 
 def _document(
@@ -270,6 +276,23 @@ def reflected_inertia(chain: Chain, drives: Sequence[Drive]) -> Array:
     """Returns N^2 J_m of each joint [n, kg m2 or kg], zero where `drives` say nothing of it."""
     known = {drive.joint: drive.N**2 * drive.J_m for drive in drives}
     return np.array([known.get(name, 0.0) for name in chain.names])
+
+
+def feasible_postures(chain: Chain, urdf: Path, drives: Sequence[Drive], gravity: ArrayLike) -> Feasible:
+    """Returns what tells the postures the arm may hold: the drives' limits (or the URDF's effort) and its collision shapes."""
+    known = {drive.joint: abs(drive.N) * drive.tau_max for drive in drives}
+    return Feasible(chain, urdf, [known.get(name, np.inf) for name in chain.names], gravity)
+
+
+def plan_of_robot(robot: Robot) -> Plan:
+    """Returns the plan of a robot directory, quickly made, within its motors and its collision shapes."""
+    chain = chain_of_robot(robot)
+    return make_plan(
+        chain,
+        believe_zeros=robot.believe_zeros,
+        rotor=reflected_inertia(chain, robot.drives),
+        feasible=feasible_postures(chain, robot.urdf, robot.drives, robot.gravity),
+    )
 
 
 def chain_of_file(path: str | Path, **options: Any) -> tuple[Chain, Chain | None]:

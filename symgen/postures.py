@@ -11,6 +11,7 @@ measurement. Exactly d cells can not do better than 1 at the worst (i, q) (Kiefe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,10 +21,14 @@ from numpy.typing import NDArray
 from symgen.basis import Factoring
 from symgen.cells import Cells, Rows, every_joint, spread
 from symgen.chain import REVOLUTE, Array, Chain, readonly
+from symgen.errors import PlanError
 from symgen.optimal import d_efficiency, optimum
-from symgen.saturated import CANDIDATES, Search, candidates, saturated
+from symgen.saturated import CANDIDATES, Merit, Search, candidates, maxvol, saturated
 
 Effort = Literal["quick", "full"]
+
+#: Tells which postures [m, n] an arm may hold: a mask [m].
+Mask = Callable[[Array], NDArray[np.bool_]]
 
 #: Left free at either end of a joint's range [rad, m], but no more than this part of it: a swing and a poor zero.
 MARGIN, MARGIN_PART = 0.05, 0.05
@@ -34,6 +39,14 @@ ROUNDING = 1e-4
 _WORKSPACE = 2000
 
 _SEARCH = {"quick": Search(4, 12, 3, 25, 40), "full": Search(40, 150, 12, 60, 400)}
+
+
+#: The search among feasible cells: steps [rad or m] around a plan that shrink, tries a cell, other places for the joints
+#: that a cell does not depend on, and how many times d cells take part in an exchange.
+_REACHES, _TRIES, _OTHER_RESTS, _POOL = (0.6, 0.2, 0.07, 0.02), 10, 5, 8
+
+#: Rows of the feasible cells worse conditioned than this hardly tell the constants apart.
+_SEEN = 1e-7
 
 
 @dataclass(frozen=True)
@@ -71,7 +84,9 @@ def home(allowed: Array) -> Array:
     return np.where(inside, 0.0, np.round(allowed.mean(axis=1) / ROUNDING) * ROUNDING)
 
 
-def _spare(rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int) -> Cells:
+def _spare(
+    rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int, allowed: Array, feasible: Mask | None
+) -> Cells:
     """Cells that discriminate: where a model with every inertial parameter free (`wider`) is least tied down so far.
 
     A plan of d cells fits its d constants without residual whatever is missing; the cells chosen here are those whose
@@ -79,12 +94,17 @@ def _spare(rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int
     """
     G, F = rows.of_cells(pool, of=wider), rows.of_cells(planned, of=wider)
     M = F.T @ F + 1e-2 * G.T @ G / len(G)
-    chosen = []
-    for _ in range(count):
+    chosen = planned[np.zeros(0, dtype=np.int64)]
+    while len(chosen) < count and len(pool):
         leverage = np.einsum("Nd,de,Ne->N", G, np.linalg.inv(M), G, optimize=True)
-        chosen.append(int(np.argmax(leverage)))
-        M += np.outer(G[chosen[-1]], G[chosen[-1]])
-    return pool[np.array(chosen, dtype=np.int64)]
+        best = np.array([int(np.argmax(leverage))])
+        cell = _held(rows.factoring.chain, pool[best], allowed, feasible)
+        if len(cell):
+            M += np.outer(G[best], G[best])
+            chosen = chosen + cell
+        else:
+            pool, G = pool[np.arange(len(pool)) != best], np.delete(G, best, axis=0)
+    return chosen
 
 
 def _ordered(cells: Cells, start: Array) -> Cells:
@@ -108,7 +128,54 @@ def _settled(chain: Chain, cells: Cells, allowed: Array) -> Cells:
     q = np.where((turned >= allowed[:, 0]) & (turned <= allowed[:, 1]), turned, cells.q)
     rest = home(allowed)
     settled = np.where(np.arange(chain.n) > cells.joint[:, None], np.round(q / ROUNDING) * ROUNDING, rest)
-    return _ordered(Cells(cells.joint, settled), rest)
+    return Cells(cells.joint, settled)
+
+
+def _held(chain: Chain, cells: Cells, allowed: Array, feasible: Mask | None) -> Cells:
+    """Those of the cells that the arm may hold, the joints J_ii does not depend on moved from rest where that helps."""
+    settled = _settled(chain, cells, allowed)
+    if feasible is None:
+        return settled
+    q, ok = settled.q.copy(), feasible(settled.q)
+    for other in np.round(spread(allowed, _OTHER_RESTS, 0.7) / ROUNDING) * ROUNDING:
+        bad = np.flatnonzero(~ok)
+        moved = np.where(np.arange(chain.n) > cells.joint[bad, None], q[bad], other)
+        good = feasible(moved)
+        q[bad[good]], ok[bad[good]] = moved[good], True
+    return Cells(cells.joint, q)[ok]
+
+
+def _repaired(rows: Rows, cells: Cells, pool: Cells, allowed: Array, feasible: Mask) -> Cells:
+    """As good a plan as exchange finds among feasible cells, near `cells` [d] and from the pool.
+
+    Raises PlanError when the feasible cells do not determine all constants.
+    """
+    chain = rows.factoring.chain
+    merit = Merit(rows)
+    near, options = cells, _promising(rows, cells + pool, _POOL)
+    for k, reach in enumerate(_REACHES):
+        steps = spread(np.array([[-reach, reach]] * chain.n), _TRIES, 0.31 * (k + 1))
+        q = np.clip((near.q[:, None, :] + steps).reshape(-1, chain.n), *allowed.T)
+        options = _held(chain, options + Cells(np.repeat(near.joint, _TRIES), q), allowed, feasible)
+        options = _promising(rows, options, _POOL)
+        near = options = options[merit.exchanged(rows.of_cells(options), np.arange(rows.factoring.d))]
+    return near
+
+
+def _promising(rows: Rows, cells: Cells, times: int) -> Cells:
+    """The cells of a good exchange [d], then `times` d of those that could replace them. PlanError if they are too few."""
+    d = rows.factoring.d
+    F = rows.of_cells(cells)
+    if len(F) < d or np.linalg.cond(F / np.linalg.norm(F, axis=0)) * _SEEN > 1:
+        raise PlanError(
+            f"{rows.factoring.chain.name}: the postures the arm may hold (gravity, self-collision) do not determine all {d} "
+            "constants; expected wider effort limits or smaller collision shapes; --no-feasible plans without them"
+        )
+    even = F @ np.linalg.inv(np.linalg.qr(F, mode="r"))
+    start = maxvol(even)
+    leverage = ((even @ np.linalg.inv(even[start])) ** 2).sum(axis=1)
+    leverage[start] = 0.0
+    return cells[np.concatenate([start, np.argsort(-leverage, kind="stable")[: times * d]])]
 
 
 def plan(
@@ -118,14 +185,16 @@ def plan(
     rotor: Array | None = None,
     spare: int | None = None,
     effort: Effort = "quick",
+    feasible: Mask | None = None,
 ) -> Design:
     """Returns d cells (i, q) and `spare` more (default a quarter of d), with what they achieve.
 
     `wider` is the factoring of the same chain without believed zeros (or `factoring` itself), `rotor` [n, kg m2, joint
     side] the reflected motor inertias N^2 J_m where known. `effort` "quick" takes a fraction of a second, "full" some
-    seconds, for a better plan and a closer bound.
+    seconds, for a better plan and a closer bound. `feasible` tells which postures [m, n] the arm may hold (a mask [m]);
+    the certificate is against plans that need not care.
 
-    Raises PlanError when no postures within the limits determine all constants.
+    Raises PlanError when no postures within the limits, or no feasible ones, determine all constants.
     """
     chain, d = factoring.chain, factoring.d
     rows = Rows(factoring, np.zeros(chain.n) if rotor is None else rotor)
@@ -133,12 +202,14 @@ def plan(
     search = _SEARCH[effort]
     first, start = candidates(rows, allowed)
     best = optimum(rows, allowed, start, search.rounds)
-    cells = _settled(chain, saturated(rows, first, best, allowed, search), allowed)
+    cells = saturated(rows, first, best, allowed, search)
     pool = best.cells + every_joint(spread(allowed, CANDIDATES, 0.5))
-    count = int(np.ceil(d / 4)) if spare is None else spare
-    more = _settled(chain, _spare(rows, wider, cells, pool, count), allowed)
-    both = cells + more
-    return judged(rows, both.joint, both.q, np.arange(d + count) >= d, allowed, best.log_det_bound)
+    held = _held(chain, cells, allowed, feasible)
+    if feasible is not None and len(held) < d:
+        held = _repaired(rows, cells, pool, allowed, feasible)
+    more = _spare(rows, wider, held, pool, int(np.ceil(d / 4)) if spare is None else spare, allowed, feasible)
+    both = _ordered(held, home(allowed)) + _ordered(more, home(allowed))
+    return judged(rows, both.joint, both.q, np.arange(len(both)) >= d, allowed, best.log_det_bound)
 
 
 def certificate(rows: Rows, F: Array, allowed: Array, effort: Effort = "quick") -> float:
