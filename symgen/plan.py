@@ -131,7 +131,8 @@ class Plan:
 def load_plan_cells(path: str | Path, model: Model) -> tuple[Cell, ...]:
     """Returns the cells of a plan.json written for this model's arm.
 
-    Raises PlanError if the file is not a plan, is of a later version, or belongs to another URDF.
+    Raises PlanError if the file is not a plan, is of a later version, belongs to another URDF, or has a cell that is none
+    of this arm.
     """
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -141,12 +142,19 @@ def load_plan_cells(path: str | Path, model: Model) -> tuple[Cell, ...]:
             )
         if document["urdf_sha256"] != model.chain.sha256:
             raise PlanError(f"{path}: made for another URDF (sha256 {document['urdf_sha256'][:12]}); run symgen again")
-        return tuple(
+        cells = tuple(
             Cell(cell["joint"], np.array(cell["q"], dtype=float), bool(cell["spare"]))
             for cell in document["plan"]["cells"]
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise PlanError(f"{path}: not a plan file: {type(error).__name__} {error}; run symgen again") from None
+    for k, cell in enumerate(cells):
+        if cell.joint not in model.chain.names or cell.q.shape != (model.chain.n,) or not np.isfinite(cell.q).all():
+            raise PlanError(
+                f"{path}: cell {k + 1}: joint {cell.joint!r} at q of {cell.q.size}; expected one of "
+                f"{', '.join(model.chain.names)} at {model.chain.n} finite numbers"
+            )
+    return cells
 
 
 def make_plan(

@@ -16,18 +16,21 @@ from symgen.urdf import load_chain
 _ROBOTS = Path(pin.__file__).parents[4] / "share/example-robot-data/robots"
 _FILES = {
     "ypp3": Path(__file__).parents[2] / "robots/ypp3/ypp3.urdf",
+    "ur3": _ROBOTS / "ur_description/urdf/ur3_robot.urdf",
     "ur5": _ROBOTS / "ur_description/urdf/ur5_robot.urdf",
     "ur10": _ROBOTS / "ur_description/urdf/ur10_robot.urdf",
     "panda": _ROBOTS / "panda_description/urdf/panda.urdf",
     "xarm7": _ROBOTS / "xarm_description/urdf/xarm7.urdf",
     "kinova": _ROBOTS / "kinova_description/robots/kinova.urdf",
     "z1": _ROBOTS / "z1_description/urdf/z1.urdf",
+    "z1 without gripper": _ROBOTS / "z1_description/urdf/z1.urdf",
 }
+_TIPS = {"z1 without gripper": "link06"}
 
 
 @cache
 def arm(name: str) -> Chain:
-    return load_chain(_FILES[name])
+    return load_chain(_FILES[name], tip=_TIPS.get(name))
 
 
 @cache

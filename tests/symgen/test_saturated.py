@@ -1,0 +1,100 @@
+"""d cells out of many: exchange reaches what exhaustive search does, merit is what it says, refinement goes uphill."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from arms import factoring_of
+from chains import general_chain, postures
+
+from symgen.basis import factor
+from symgen.cells import Rows
+from symgen.errors import PlanError
+from symgen.optimal import optimum
+from symgen.postures import box
+from symgen.saturated import Merit, Search, candidates, maxvol, saturated
+
+
+def volume(F: np.ndarray) -> float:
+    return abs(float(np.linalg.det(F)))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_exchange_ends_where_no_single_swap_helps_and_near_the_best_of_all(seed: int) -> None:
+    F = np.random.default_rng(seed).normal(size=(14, 4))
+    chosen = maxvol(F)
+    reached = volume(F[chosen])
+    for column in range(4):
+        for row in range(14):
+            swapped = chosen.copy()
+            swapped[column] = row
+            assert volume(F[swapped]) <= 1.001 * reached + 1e-12
+    best = max(volume(F[list(rows)]) for rows in combinations(range(14), 4))
+    started = max(volume(F[maxvol(F, first)]) for first in range(14))
+    assert reached <= started * 1.001 and started >= 0.999 * best
+
+
+def test_merit_is_determinant_over_worst_amplification_and_its_slope_is_that_of_differences() -> None:
+    rows = Rows(factoring_of("ypp3"), np.array([0.0, 0.2, 0.1]))
+    merit, chain = Merit(rows), rows.factoring.chain
+    cells = candidates(rows, box(chain.limits))[0]
+    F = rows.of_cells(cells)
+    everywhere = rows(postures(chain, 20000))
+    covariance = np.linalg.inv(F.T @ F)
+    worst = np.sqrt(np.einsum("mid,de,mie->mi", everywhere, covariance, everywhere).mean(axis=0).max())
+    value, slope = merit.with_slope(F)
+    plain = 3 * np.linalg.slogdet(F.T @ F)[1] / len(F) - np.log(worst)
+    # the smooth maximum of 3 joints is above the largest by at most 3^(1/8) in the square; 500 postures stand for all
+    assert plain - np.log(3) / 16 - 0.05 <= value <= plain + 0.05
+    for seed in range(3):
+        step = 1e-6 * np.random.default_rng(seed).normal(size=F.shape)
+        assert merit(F + step) - merit(F - step) == pytest.approx(2 * (slope * step).sum(), rel=1e-5)
+
+
+def test_exchange_by_merit_raises_it_and_says_truly_what_a_swap_brings() -> None:
+    rows = Rows(factoring_of("ypp3"), np.zeros(3))
+    merit, F = Merit(rows), rows(postures(rows.factoring.chain, 60)).reshape(180, -1)
+
+    def merit_of(chosen: np.ndarray) -> float:
+        return sharp(merit, F[chosen])
+
+    before = maxvol(F)
+    after = merit.exchanged(F, before)
+    assert merit_of(after) >= merit_of(before)
+    for column in range(len(after)):
+        for row in range(0, 180, 7):
+            swapped = after.copy()
+            swapped[column] = row
+            if volume(F[swapped]) > 0.3 * volume(F[after]):
+                assert merit_of(swapped) <= merit_of(after) + 1.1e-3
+
+
+def sharp(merit: Merit, F: np.ndarray) -> float:
+    """The merit with the true maximum over the joints."""
+    G = np.linalg.inv(F)
+    worst = max(np.trace(G.T @ M @ G) for M in merit.moments)
+    return 6 / len(F) * float(np.linalg.slogdet(F)[1]) - float(np.log(worst)) / 2
+
+
+def test_a_longer_search_is_not_worse() -> None:
+    rows = Rows(factoring_of("ur5"), np.zeros(6))
+    allowed = box(rows.factoring.chain.limits)
+    first, start = candidates(rows, allowed)
+    best = optimum(rows, allowed, start, 4)
+    merit = Merit(rows)
+    found = [
+        merit(rows.of_cells(saturated(rows, first, best, allowed, search)))
+        for search in (Search(4, 1, 0, 0, 0), Search(4, 6, 1, 10, 20), Search(4, 24, 6, 40, 200))
+    ]
+    assert merit(rows.of_cells(first)) <= found[0] < found[1] < found[2]
+
+
+def test_postures_that_can_not_tell_the_constants_are_refused_by_name() -> None:
+    chain = general_chain(0, 3)
+    stuck = replace(chain.joints[1], lower=0.5, upper=0.5)
+    rows = Rows(factor(replace(chain, joints=(chain.joints[0], stuck, chain.joints[2]))), np.zeros(3))
+    with pytest.raises(PlanError, match=r"seed 0: .* only \d+ of 13 constants .*narrowest: j2, 0 rad"):
+        candidates(rows, box(rows.factoring.chain.limits))
