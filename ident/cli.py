@@ -154,6 +154,7 @@ def _identified(campaign: Campaign, believe_zeros: bool | None, out: Path, optio
 
     result = identify(campaign, method=options.method, believe_zeros=believe_zeros, progress=_progress(options))
     report.write(result, out)
+    report.summary_plot(result, out / "responses.svg")
     write_J(result.model, result.alpha_all, out / "J.casadi")
     document = report.result_document(result)
     if options.json:

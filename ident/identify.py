@@ -115,10 +115,11 @@ def identify(
     index = np.array([frf.index for frf in responses])
     rows = model.C_rows(q)[np.arange(len(q)), index]
     alpha = solve(rows, J, covariance, index, np.array(model.alpha_joint[: model.d]))
-    alpha_all = np.concatenate(
-        [np.where(alpha.determined, alpha.value, model.alpha_cad[: model.d]), model.alpha_cad[model.d :]]
-    )
-    physical = consistency(alpha_all[: model.d], alpha.covariance, model.factoring.W[: model.d], model.factoring.free)
+    cad = model.alpha_cad[: model.d]
+    # along what the records do not see, CAD: measured combinations hold even where no single constant is determined
+    identified = alpha.value + alpha.unseen @ (alpha.unseen.T @ (cad - alpha.value))
+    alpha_all = np.concatenate([identified, model.alpha_cad[model.d :]])
+    physical = _possible_links(model, alpha)
     seconds["solve"] = clock() - start
 
     J_cad = model.J_cad(q)[np.arange(len(q)), index, index]
@@ -193,6 +194,14 @@ def _grid_variance(campaign: Campaign, k: int, reading: ThreePoint) -> float:
     ratio = (reading.f_R / reading.f_AR) ** 2
     relative = spacing**2 / 12 * (1 / reading.f_AR**2 + 1 / reading.f_R**2)
     return float((2 * ratio * N**2 * reading.J_m) ** 2 * relative)
+
+
+def _possible_links(model: Model, alpha: Alpha) -> Consistency:
+    """Whether rigid bodies exist with the constants that the records determine; where they determine none, with CAD's."""
+    W, free, known = model.factoring.W[: model.d], model.factoring.free, alpha.determined
+    if not known.any():
+        return consistency(model.alpha_cad[: model.d], None, W, free)
+    return consistency(alpha.value[known], alpha.covariance[np.ix_(known, known)], W[known], free)
 
 
 def _notes(

@@ -78,7 +78,7 @@ def html(identification: Identification) -> str:
     from ident import figures
 
     r, n, document = identification, identification.campaign.n, result_document(identification)
-    folder = FileSystemLoader(Path(__file__).parent / "templates")
+    folder = FileSystemLoader(Path(__file__).parent)
     environment = Environment(
         loader=folder, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

@@ -41,9 +41,9 @@ _WORKSPACE = 2000
 _SEARCH = {"quick": Search(4, 12, 3, 25, 40), "full": Search(40, 150, 12, 60, 400)}
 
 
-#: The search among feasible cells: steps [rad or m] around a plan that shrink, tries a cell, other places for the joints
-#: that a cell does not depend on, and how many times d cells take part in an exchange.
-_REACHES, _TRIES, _OTHER_RESTS, _POOL = (0.6, 0.2, 0.07, 0.02), 10, 5, 8
+#: The search among feasible cells: steps [rad or m] around a plan that shrink, how many in all and at least for a cell,
+#: other places for the joints that a cell does not depend on, and how many times d cells take part in an exchange.
+_REACHES, _STEPS, _LEAST_STEPS, _OTHER_RESTS, _POOL = (1.5, 0.6, 0.3, 0.1, 0.03, 0.01), 360, 10, 5, 8
 
 #: Rows of the feasible cells worse conditioned than this hardly tell the constants apart.
 _SEEN = 1e-7
@@ -137,11 +137,15 @@ def _held(chain: Chain, cells: Cells, allowed: Array, feasible: Mask | None) -> 
     if feasible is None:
         return settled
     q, ok = settled.q.copy(), feasible(settled.q)
-    for other in np.round(spread(allowed, _OTHER_RESTS, 0.7) / ROUNDING) * ROUNDING:
-        bad = np.flatnonzero(~ok)
-        moved = np.where(np.arange(chain.n) > cells.joint[bad, None], q[bad], other)
-        good = feasible(moved)
-        q[bad[good]], ok[bad[good]] = moved[good], True
+    others = np.round(spread(allowed, _OTHER_RESTS, 0.7) / ROUNDING) * ROUNDING
+    joints = np.arange(chain.n)
+    for own in (True, False):  # first the excited joint alone, then all that do not matter
+        for other in others:
+            bad = np.flatnonzero(~ok)
+            i = cells.joint[bad, None]
+            moved = np.where(joints == i if own else joints <= i, other, q[bad])
+            good = feasible(moved)
+            q[bad[good]], ok[bad[good]] = moved[good], True
     return Cells(cells.joint, q)[ok]
 
 
@@ -152,11 +156,12 @@ def _repaired(rows: Rows, cells: Cells, pool: Cells, allowed: Array, feasible: M
     """
     chain = rows.factoring.chain
     merit = Merit(rows)
+    count = max(_STEPS // len(cells), _LEAST_STEPS)
     near, options = cells, _promising(rows, cells + pool, _POOL)
     for k, reach in enumerate(_REACHES):
-        steps = spread(np.array([[-reach, reach]] * chain.n), _TRIES, 0.31 * (k + 1))
+        steps = spread(np.array([[-reach, reach]] * chain.n), count, 0.31 * (k + 1))
         q = np.clip((near.q[:, None, :] + steps).reshape(-1, chain.n), *allowed.T)
-        options = _held(chain, options + Cells(np.repeat(near.joint, _TRIES), q), allowed, feasible)
+        options = _held(chain, options + Cells(np.repeat(near.joint, count), q), allowed, feasible)
         options = _promising(rows, options, _POOL)
         near = options = options[merit.exchanged(rows.of_cells(options), np.arange(rows.factoring.d))]
     return near

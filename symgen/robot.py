@@ -20,7 +20,7 @@ from symgen.errors import RobotError
 
 _MAX_BYTES = 1_000_000
 _WHOLE = 1e-9  # relative: fs/f0 of decimal numbers such as 1000/0.1 is whole up to a few roundings
-_MAX_SAMPLES = 1e7  # a period: hours at 1 kHz, beyond any machine's memory for a whole record
+_MAX_SAMPLES = 1e7  # a record: hours at 1 kHz; a gigabyte for a seven-axis arm
 _MAX_GRAVITY = 100.0  # m/s2; anything beyond is a unit slip (mm/s2)
 
 
@@ -194,11 +194,25 @@ def _band(value: Any) -> tuple[float, float]:
     return low, high
 
 
+def _positive(low: float, high: float) -> _Check:
+    """A quantity of a drive or an experiment: from `low` to `high`, far beyond any real one on either side.
+
+    Products and matrix exponentials of what is left stay finite numbers.
+    """
+    return _number(f"a number > 0, from {low:g} to {high:g}", lambda x: low <= x <= high)
+
+
+def _not_negative(high: float) -> _Check:
+    return _number(f"a number >= 0, up to {high:g}", lambda x: 0 <= x <= high)
+
+
 _FINITE = _number("a finite number (rad or m)", lambda x: True)
 _FINITE_GRAVITY = _number("", lambda x: abs(x) <= _MAX_GRAVITY)
 _POSITIVE = _number("a number > 0", lambda x: x > 0)
-_NOT_NEGATIVE = _number("a number >= 0", lambda x: x >= 0)
-_NOT_ZERO = _number("a number other than 0", lambda x: x != 0)
+_RATIO = _number("a number other than 0, from 0.001 to 1e+06 in size", lambda x: 1e-3 <= abs(x) <= 1e6)
+_STIFFNESS = _positive(1e-3, 1e12)
+_DAMPING = _not_negative(1e9)
+_BANDWIDTH = _positive(1e-3, 1e5)
 
 # key in the file -> (field of the dataclass, check)
 _Rules = Mapping[str, tuple[str, _Check]]
@@ -216,26 +230,26 @@ _EXPERIMENT: _Rules = {
     "band_Hz": ("band", _band),
     "line_spacing_Hz": ("f0", _POSITIVE),
     "periods": ("periods", _whole("a whole number >= 2 (at least one period settles)", 2)),
-    "swing_rad": ("swing", _POSITIVE),
-    "torque_noise_rel": ("torque_noise", _NOT_NEGATIVE),
-    "lock_pd_Hz": ("lock_pd", _POSITIVE),
-    "lock_dob_Hz": ("lock_dob", _POSITIVE),
+    "swing_rad": ("swing", _positive(1e-9, 10.0)),
+    "torque_noise_rel": ("torque_noise", _not_negative(10.0)),
+    "lock_pd_Hz": ("lock_pd", _BANDWIDTH),
+    "lock_dob_Hz": ("lock_dob", _BANDWIDTH),
 }
 _MOTOR: _Rules = {
-    "J_m_kgm2": ("J_m", _POSITIVE),
-    "D_Nms_per_rad": ("D", _NOT_NEGATIVE),
+    "J_m_kgm2": ("J_m", _positive(1e-12, 1e3)),
+    "D_Nms_per_rad": ("D", _DAMPING),
     "encoder_counts_per_rev": ("encoder_counts", _whole("a whole number >= 1", 1)),
-    "torque_limit_Nm": ("tau_max", _POSITIVE),
+    "torque_limit_Nm": ("tau_max", _positive(1e-9, 1e6)),
 }
 _ROTARY: _Rules = {
-    "N": ("N", _NOT_ZERO),
-    "K_Nm_per_rad": ("K", _POSITIVE),
-    "D_spring_Nms_per_rad": ("D_spring", _NOT_NEGATIVE),
+    "N": ("N", _RATIO),
+    "K_Nm_per_rad": ("K", _STIFFNESS),
+    "D_spring_Nms_per_rad": ("D_spring", _DAMPING),
 }
 _LINEAR: _Rules = {
-    "N_rad_per_m": ("N", _NOT_ZERO),
-    "K_N_per_m": ("K", _POSITIVE),
-    "D_spring_Ns_per_m": ("D_spring", _NOT_NEGATIVE),
+    "N_rad_per_m": ("N", _RATIO),
+    "K_N_per_m": ("K", _STIFFNESS),
+    "D_spring_Ns_per_m": ("D_spring", _DAMPING),
 }
 
 
@@ -252,6 +266,11 @@ def _experiment(where: str, table: Any) -> Experiment:
         raise RobotError(
             f"{where}: sample_rate_Hz / line_spacing_Hz = {samples:.10g} samples per period; "
             f"expected a whole number of at most {_MAX_SAMPLES:g}"
+        )
+    if samples * result.periods > _MAX_SAMPLES:
+        raise RobotError(
+            f"{where}: periods: {result.periods} of {samples:g} samples each; expected a record of at most "
+            f"{_MAX_SAMPLES:g} samples"
         )
     if high >= result.fs / 2:
         raise RobotError(f"{where}: band_Hz: {high:g} Hz is not below sample_rate_Hz / 2 = {result.fs / 2:g} Hz")

@@ -11,7 +11,7 @@ import numpy as np
 
 from symgen.chain import Array, readonly
 from symgen.errors import UrdfError
-from symgen.urdf_xml import MAX_NUMBER, attribute, needed, number, only, root_element, shown, triple
+from symgen.urdf_xml import MAX_LENGTH, MAX_NUMBER, attribute, needed, number, only, root_element, shown, triple
 
 _ACTUATED = ("revolute", "continuous", "prismatic")
 _TYPES = (*_ACTUATED, "fixed", "floating", "planar")
@@ -147,7 +147,8 @@ def _origin(element: ET.Element, where: str) -> tuple[Array, Array]:
     origin = element.find("origin")  # the first of several, as urdfdom reads it; vendors' files have them
     stated: Mapping[str, str] = {} if origin is None else origin.attrib
     where = f"{where}: <origin>"
-    return triple(stated.get("xyz", "0 0 0"), f"{where} xyz"), triple(stated.get("rpy", "0 0 0"), f"{where} rpy")
+    xyz = triple(stated.get("xyz", "0 0 0"), f"{where} xyz", MAX_LENGTH)
+    return xyz, triple(stated.get("rpy", "0 0 0"), f"{where} rpy")
 
 
 def _joint(element: ET.Element, name: str, links: Mapping[str, object]) -> RawJoint:

@@ -11,7 +11,8 @@ from xml.parsers import expat
 from symgen.chain import Array, readonly
 from symgen.errors import UrdfError
 
-MAX_NUMBER = 1e6  # rad, m, kg, kg m2: anything beyond is a slip, or milli-units
+MAX_NUMBER = 1e6  # rad, kg, kg m2: anything beyond is a slip, or milli-units
+MAX_LENGTH = 1e3  # m: no arm is that long, and the squares of its lengths must leave digits to those of its wrist
 _MAX_BYTES = 20_000_000
 _MAX_DEPTH = 200  # XML elements within each other; a URDF needs 5, simulator extras 20
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -146,9 +147,9 @@ def number(text: str, what: str, largest: float = MAX_NUMBER) -> float:
     return value
 
 
-def triple(text: str, what: str) -> Array:
-    """Returns three numbers [3]; UrdfError naming `what` they are."""
+def triple(text: str, what: str, largest: float = MAX_NUMBER) -> Array:
+    """Returns three numbers [3]; UrdfError naming `what` they are, as of `number`."""
     words = [text] if "${" in text else text.split()
     if len(words) != 3 and "${" not in text:
         raise UrdfError(f"{what}: found {shown(text)}, expected 3 numbers")
-    return readonly([number(word, what) for word in words])
+    return readonly([number(word, what, largest) for word in words])

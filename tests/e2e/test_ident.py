@@ -1,0 +1,77 @@
+"""The whole path by the user's own commands: URDF and drives -> simulated campaign -> J(q), judged where nothing was measured."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ident.cli import main
+
+ROOT = Path(__file__).parents[2]
+ROBOT = ROOT / "robots" / "ypp3"
+
+
+def judged(folder: Path) -> float:
+    """Largest error of J(q) over 1000 random postures relative to its largest entry, Pinocchio as judge."""
+    J = ca.Function.load(str(folder / "J.casadi"))
+    model = pin.buildModelFromUrdf(str(ROBOT / "ypp3.urdf"))
+    data = model.createData()
+    errors, largest = [], 0.0
+    for q in np.random.default_rng(7).uniform(model.lowerPositionLimit, model.upperPositionLimit, (1000, 3)):
+        true = np.triu(pin.crba(model, data, q))
+        true = true + np.triu(true, 1).T
+        errors.append(np.abs(np.array(J(q)) - true).max())
+        largest = max(largest, float(np.abs(true).max()))
+    return float(max(errors)) / largest
+
+
+def run(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
+    status = main([*arguments, "--json"])
+    out = capsys.readouterr().out
+    return status, json.loads(out)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("ident")
+
+
+def test_rigid_locks_give_the_inertia_matrix(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The paper's simulation: J_l within 0.1 % of CAD, alpha and J(q) at unseen postures within 0.3 %."""
+    status, result = run(["run", str(ROBOT), "-o", str(folder / "rigid"), "--lock", "rigid", "--seed", "3"], capsys)
+    assert status == 0 and result["explained"] and result["physically_consistent"]["ok"]
+    assert result["chi2_per_dof"] < 1.2
+    for record in result["records"].values():
+        assert record["J_l"] == pytest.approx(record["J_cad"], rel=1e-3)
+    alpha = result["alpha"]
+    for name, value, cad, std in zip(alpha["names"], alpha["value"], alpha["cad"], alpha["std"], strict=True):
+        assert value == pytest.approx(cad, rel=3e-3), name
+        assert abs(value - cad) < 5 * std, name
+    assert judged(folder / "rigid") < 3e-3
+    assert (folder / "rigid" / "report.html").stat().st_size > 10_000
+
+
+def test_fit_reads_only_the_campaign(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same numbers from the file alone, believed zeros found by need."""
+    first = json.loads((folder / "rigid" / "result.json").read_text())
+    status, again = run(["fit", str(folder / "rigid" / "campaign.h5"), "-o", str(folder / "fit")], capsys)
+    assert status == 0
+    assert again["alpha"]["value"] == pytest.approx(first["alpha"]["value"], rel=1e-12)
+    assert any("believed to be zero" in note for note in again["notes"])
+
+
+def test_flexible_locks_are_owned_up_to(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Held by motors whose springs give, the distal joint reads wrong by a factor; the result must say so."""
+    status, result = run(["run", str(ROBOT), "-o", str(folder / "dob")], capsys)
+    assert status == 1 and not result["explained"]
+    distal = [record for record in result["records"].values() if record["excited"] == "joint3"]
+    assert all(record["J_l"] < 0.6 * record["J_cad"] and not record["explained"] for record in distal)
+    assert all(record["chi2_per_dof"] > 100 for record in distal)
+    assert any("joint3" in note and "do not explain" in note for note in result["notes"])
+    assert not result["physically_consistent"]["ok"]

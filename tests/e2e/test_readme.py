@@ -1,0 +1,41 @@
+"""What README shows is what the commands print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from symgen import cli
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def block(tag: str) -> list[str]:
+    return README.split(f"<!-- {tag} -->")[1].split("```")[1].strip("\n").splitlines()
+
+
+def test_the_symgen_example_is_what_symgen_prints(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([str(ROOT / "robots/ypp3/ypp3.urdf")]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    shown = block("symgen")
+    assert len(printed) == len(shown)
+    for ours, theirs in zip(shown, printed, strict=True):
+        if not ours.startswith("J(q) equals Pinocchio"):  # rounding noise differs between processors
+            assert ours == theirs
+
+
+def test_every_file_that_readme_points_to_exists() -> None:
+    targets = [part.split(")")[0] for part in README.split("](")[1:]]
+    assert targets and all((ROOT / target).exists() for target in targets if "://" not in target)
+
+
+def test_the_equations_are_the_generated_ones() -> None:
+    generated = (ROOT / "generated/ypp3/equations.md").read_text(encoding="utf-8")
+    for line in (
+        r"2 \alpha_{21} c_3 + \alpha_{22}",
+        r"\alpha_{11} c_{23}^2 + \alpha_{12} c_2^2 + 2 \alpha_{21} c_2 c_{23} + \alpha_{13}",
+        r"\alpha_{21} c_3 + \alpha_{31}",
+    ):
+        assert line in README and line in generated
