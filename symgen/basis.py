@@ -56,8 +56,8 @@ class Factoring:
 
     The first `d` constants are those the diagonal J_ii see (shared rank), the rest only off-diagonals. `S[i, j]` [M, D]
     is sparse with small coefficients; for readers. `believed` names the parameters taken as exactly zero.
-    `rank_per_joint`, `new_per_joint` [n], and the smallest relevant and largest irrelevant singular value of the stacked
-    coefficients (columns scaled to one unit).
+    `rank_per_joint`, `new_per_joint` [n]; `singular_values` of the stacked coefficients of all J_ii (columns scaled to one
+    unit), relative to the largest: the first `d` count.
     """
 
     chain: Chain
@@ -68,9 +68,15 @@ class Factoring:
     S: dict[tuple[int, int], Array]
     rank_per_joint: tuple[int, ...]
     new_per_joint: tuple[int, ...]
-    singular_value_gap: tuple[float, float]
+    singular_values: Array
     believed: tuple[str, ...]
     free: NDArray[np.bool_]
+
+    @property
+    def singular_value_gap(self) -> tuple[float, float]:
+        """The smallest singular value that counts and the largest that does not."""
+        values = self.singular_values
+        return float(values[self.d - 1]), float(values[self.d]) if self.d < values.size else 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -219,7 +225,7 @@ def factor(chain: Chain, *, believe_zeros: bool = False) -> Factoring:
         S={pair: readonly(_sparse(entry.A @ to_alpha)) for pair, entry in entries.items()},
         rank_per_joint=tuple(_rank(entries[i, i].A * scale)[0] for i in range(n)),
         new_per_joint=tuple(new_per_joint),
-        singular_value_gap=(float(values[d - 1] / values[0]), float(values[d] / values[0]) if d < values.size else 0.0),
+        singular_values=readonly(values / values[0]),
         believed=tuple(f"{PARAMETERS[p % 10]} of {chain.joints[p // 10].link}" for p in np.flatnonzero(zero)),
         free=~zero,
     )

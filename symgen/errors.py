@@ -20,3 +20,7 @@ class RobotError(SymgenError):
 
 class PlanError(SymgenError):
     """A plan file or a request for postures that cannot be met."""
+
+
+class NoPlanError(PlanError):
+    """A plan of the kind asked for does not exist for this arm: nothing is wrong with the input. Exit status 1."""
