@@ -260,11 +260,7 @@ def test_the_shapes_let_the_arm_move_and_stop_it_where_it_folds_into_itself(name
     assert not touching(name, home)[0] and not SelfCollision(arm(name), robot(name).urdf)(home)[0]
 
 
-#: computeCollisions starts from the answer of the posture before and then misses shallow contacts of two cylinders.
-_WARM = pytest.mark.xfail(strict=True, reason="SelfCollision keeps coal's cached guess: remove this mark with the cure")
-
-
-@pytest.mark.parametrize("name", [*OURS[:3], pytest.param("arm7", marks=_WARM)])
+@ours
 def test_symgen_sees_the_arm_touch_itself_where_mujoco_does(name: str) -> None:
     q = postures(name, 600, seed=3)
     np.testing.assert_array_equal(SelfCollision(arm(name), robot(name).urdf)(q), touching(name, q))
