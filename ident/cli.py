@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from ident.campaign import Campaign
     from ident.identify import Identification
 
+#: Notes printed with --brief.
+_BRIEF = 3
+
 #: Threads cost more than they give on the small matrices here; set before numpy is first imported.
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
@@ -51,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
             "-o", dest="out", metavar="DIR", required=True, help="write result.json, report.html, J.casadi here"
         )
         sub.add_argument("--method", default="two-mass", help="two-mass (default) or three-point (the paper's reading)")
-        sub.add_argument("--brief", action="store_true", help="print the verdict without the tables")
+        sub.add_argument("--brief", action="store_true", help="print the first few notes only")
     fit.add_argument(
         "--believe-zeros", action=argparse.BooleanOptionalAction, default=None,
         help="take inertial parameters that are exactly zero in the URDF as known (default: only where the records need it)",
@@ -167,36 +170,44 @@ def _identified(campaign: Campaign, believe_zeros: bool | None, out: Path, optio
 def _print(result: Identification, document: dict[str, Any], out: Path, brief: bool) -> None:
     print(result.campaign.source)
     print()
-    print(
-        f"{'record':<8}{'entry':<7}{'posture [rad]':<28}{'measured':>10}{'sigma':>10}{'CAD':>10}{'error %':>9}{'chi2/dof':>11}"
-    )
+    width = 9 * result.campaign.n
+    head = f"{'posture [rad, m]':<{width}}{'measured':>11}{'sigma':>9}{'CAD':>10}{'error %':>9}{'chi2/dof':>10}"
+    print(f"{'record':<7}{'entry':<6}{head}")
     for measured in result.measurements:
-        i = measured.index + 1
-        posture = " ".join(f"{value:8.4f}" for value in measured.record.posture)
-        error = 100 * (measured.J / measured.J_cad - 1)
-        print(
-            f"{measured.record.id:<8}{f'J_{i}{i}':<7}{posture:<28}{measured.J:>10.5f}{measured.std:>10.2g}{measured.J_cad:>10.5f}"
-            f"{error:>9.3f}{measured.two_mass.chi2_per_dof:>11.3g}{'' if measured.two_mass.explained else '  does not fit'}"
+        posture = "".join(f"{value:8.4f} " for value in measured.record.posture)
+        values = (
+            f"{measured.J:>11.5f}{measured.std:>9.2g}{measured.J_cad:>10.5f}{_percent(measured.J, measured.J_cad):>9}"
         )
+        fits = "" if measured.two_mass.explained else "  does not fit"
+        entry = f"J_{measured.index + 1}{measured.index + 1}"
+        print(f"{measured.record.id:<7}{entry:<6}{posture}{values}{measured.two_mass.chi2_per_dof:>10.3g}{fits}")
     print()
-    print(f"{'constant':<14}{'identified':>12}{'sigma':>10}{'CAD':>12}{'error %':>9}  unit")
+    print(f"{'constant':<14}{'identified':>12}{'sigma':>12}{'CAD':>12}{'error %':>9}  unit")
     alpha = document["alpha"]
-    for name, value, std, unit, cad in zip(
-        *(alpha[key] for key in ("names", "value", "std", "unit", "cad")), strict=True
-    ):
+    columns = (alpha[key] for key in ("names", "value", "std", "unit", "cad"))
+    for name, value, std, unit, cad in zip(*columns, strict=True):
         sigma = "held at CAD" if std is None else f"{std:.2g}"
-        print(f"{name:<14}{value:>12.6f}{sigma:>10}{cad:>12.6f}{100 * (value - cad) / abs(cad or 1.0):>9.3f}  {unit}")
+        print(f"{name:<14}{value:>12.6f}{sigma:>12}{cad:>12.6f}{_percent(value, cad):>9}  {unit}")
     print()
-    for note in result.notes[: 3 if brief else None]:
+    notes = result.notes[: _BRIEF if brief else None]
+    for note in notes:
         print(f"! {note}")
-    print(f"J(q) at 1000 postures never measured, against CAD: {_largest(document)} of the largest entry.")
+    if len(notes) < len(result.notes):
+        print(f"! {len(result.notes) - len(notes)} more notes in the report")
+    largest = 100 * document["inertia_vs_cad"]["largest"]
+    print(f"J(q) at 1000 postures never measured: within {largest:.3g} % of CAD's, relative to the largest entry.")
     print(
-        f"{'The model explains the records' if result.explained else 'THE MODEL DOES NOT EXPLAIN THE RECORDS'}: {out / 'report.html'}"
+        "The model explains the records."
+        if result.explained
+        else "THE MODEL DOES NOT EXPLAIN THE RECORDS: see the report."
     )
+    print(f"Report: {out / 'report.html'}")
+    print(f"Plot:   {out / 'responses.svg'}")
 
 
-def _largest(document: dict[str, Any]) -> str:
-    return f"within {100 * document['inertia_vs_cad']['largest']:.3g} %"
+def _percent(value: float, cad: float) -> str:
+    """Error relative to CAD in percent; nothing where CAD says zero."""
+    return f"{100 * (value - cad) / abs(cad):.3f}" if cad else ""
 
 
 if __name__ == "__main__":

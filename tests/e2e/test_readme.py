@@ -39,3 +39,25 @@ def test_the_equations_are_the_generated_ones() -> None:
         r"\alpha_{21} c_3 + \alpha_{31}",
     ):
         assert line in README and line in generated
+
+
+def test_the_ident_example_has_the_shape_of_what_ident_prints() -> None:
+    """The numbers are a simulation's; that they are right is test_ident's to say."""
+    shown = block("ident")
+    assert shown[0].split() == [
+        "record",
+        "entry",
+        "posture",
+        "[rad,",
+        "m]",
+        "measured",
+        "sigma",
+        "CAD",
+        "error",
+        "%",
+        "chi2/dof",
+    ]
+    assert [line.split()[0] for line in shown if line.startswith("alpha_")] == [
+        "alpha_31", "alpha_21", "alpha_22", "alpha_11", "alpha_12", "alpha_13",
+    ]  # fmt: skip
+    assert shown[-2].startswith("Report: ") and shown[-1].startswith("Plot: ")
