@@ -108,6 +108,12 @@ class Rows:
         phi, sigma = self._phi(cells, self._walk(cells))
         return phi @ (self._to_alpha if of is None else to_alpha(of, of.d)) / sigma
 
+    def sizes(self, cells: Cells) -> Array:
+        """The largest sum of magnitudes behind each column of the rows [d]: a column much smaller than this is rounding."""
+        phi, sigma = self._phi(cells, self._walk(cells))
+        sizes: Array = (np.abs(phi / sigma) @ np.abs(self._to_alpha)).max(axis=0)
+        return sizes
+
     def traced(self, cells: Cells) -> tuple[Array, Callable[[Array], Array]]:
         """Rows F [N, d] of cells, and the function that takes dv/dF [N, d] of a number v to its slope dv/dq [N, n].
 

@@ -11,7 +11,6 @@ measurement. Exactly d cells can not do better than 1 at the worst (i, q) (Kiefe
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,34 +18,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symgen.basis import Factoring
-from symgen.cells import Cells, Rows, every_joint, spread
-from symgen.chain import REVOLUTE, Array, Chain, readonly
-from symgen.errors import PlanError
+from symgen.cells import Cells, Rows, spread
+from symgen.chain import Array, readonly
+from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, Holding, Mask, box, home
 from symgen.optimal import d_efficiency, optimum
-from symgen.saturated import CANDIDATES, Merit, Search, candidates, maxvol, saturated
+from symgen.saturated import Search, candidates, feasible_pool, saturated
+
+__all__ = [
+    "MARGIN",
+    "MARGIN_PART",
+    "ROUNDING",
+    "Design",
+    "Effort",
+    "Mask",
+    "box",
+    "certificate",
+    "home",
+    "judged",
+    "plan",
+]
 
 Effort = Literal["quick", "full"]
-
-#: Tells which postures [m, n] an arm may hold: a mask [m].
-Mask = Callable[[Array], NDArray[np.bool_]]
-
-#: Left free at either end of a joint's range [rad, m], but no more than this part of it: a swing and a poor zero.
-MARGIN, MARGIN_PART = 0.05, 0.05
-
-#: Angles and slides of a plan are whole multiples of this [rad, m], so that a plan is the same on every machine.
-ROUNDING = 1e-4
 
 _WORKSPACE = 2000
 
 _SEARCH = {"quick": Search(4, 12, 3, 25, 40), "full": Search(40, 150, 12, 60, 400)}
-
-
-#: The search among feasible cells: steps [rad or m] around a plan that shrink, how many in all and at least for a cell,
-#: other places for the joints that a cell does not depend on, and how many times d cells take part in an exchange.
-_REACHES, _STEPS, _LEAST_STEPS, _OTHER_RESTS, _POOL = (1.5, 0.6, 0.3, 0.1, 0.03, 0.01), 360, 10, 5, 8
-
-#: Rows of the feasible cells worse conditioned than this hardly tell the constants apart.
-_SEEN = 1e-7
 
 
 @dataclass(frozen=True)
@@ -69,24 +65,7 @@ class Design:
     d_efficiency_all: float
 
 
-def box(limits: Array) -> Array:
-    """Returns the joint intervals a plan may use [n, 2]: the limits less a margin, on whole multiples of `ROUNDING`."""
-    low, high = limits.T
-    inset = np.minimum(MARGIN, MARGIN_PART * (high - low))
-    inner = np.stack([np.ceil((low + inset) / ROUNDING), np.floor((high - inset) / ROUNDING)], axis=1) * ROUNDING
-    fits = inner[:, 0] <= inner[:, 1]
-    return np.where(fits[:, None], inner, limits.mean(axis=1, keepdims=True))
-
-
-def home(allowed: Array) -> Array:
-    """Returns the resting posture [n]: zero where allowed, else the middle of the interval."""
-    inside = (allowed[:, 0] <= 0) & (allowed[:, 1] >= 0)
-    return np.where(inside, 0.0, np.round(allowed.mean(axis=1) / ROUNDING) * ROUNDING)
-
-
-def _spare(
-    rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int, allowed: Array, feasible: Mask | None
-) -> Cells:
+def _spare(rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int) -> Cells:
     """Cells that discriminate: where a model with every inertial parameter free (`wider`) is least tied down so far.
 
     A plan of d cells fits its d constants without residual whatever is missing; the cells chosen here are those whose
@@ -94,17 +73,12 @@ def _spare(
     """
     G, F = rows.of_cells(pool, of=wider), rows.of_cells(planned, of=wider)
     M = F.T @ F + 1e-2 * G.T @ G / len(G)
-    chosen = planned[np.zeros(0, dtype=np.int64)]
-    while len(chosen) < count and len(pool):
+    chosen = []
+    for _ in range(count):
         leverage = np.einsum("Nd,de,Ne->N", G, np.linalg.inv(M), G, optimize=True)
-        best = np.array([int(np.argmax(leverage))])
-        cell = _held(rows.factoring.chain, pool[best], allowed, feasible)
-        if len(cell):
-            M += np.outer(G[best], G[best])
-            chosen = chosen + cell
-        else:
-            pool, G = pool[np.arange(len(pool)) != best], np.delete(G, best, axis=0)
-    return chosen
+        chosen.append(int(np.argmax(leverage)))
+        M += np.outer(G[chosen[-1]], G[chosen[-1]])
+    return pool[np.array(chosen, dtype=np.int64)]
 
 
 def _ordered(cells: Cells, start: Array) -> Cells:
@@ -119,68 +93,6 @@ def _ordered(cells: Cells, start: Array) -> Cells:
             order.append(nearest)
             here = cells.q[nearest]
     return cells[np.array(order, dtype=np.int64)]
-
-
-def _settled(chain: Chain, cells: Cells, allowed: Array) -> Cells:
-    """The cells as they are run: whole turns taken off, rounded, the joints J_ii does not depend on (1..i) at rest."""
-    turning = np.array([joint.type == REVOLUTE for joint in chain.joints])
-    turned = cells.q - np.where(turning, 2 * np.pi * np.round(cells.q / (2 * np.pi)), 0.0)
-    q = np.where((turned >= allowed[:, 0]) & (turned <= allowed[:, 1]), turned, cells.q)
-    rest = home(allowed)
-    settled = np.where(np.arange(chain.n) > cells.joint[:, None], np.round(q / ROUNDING) * ROUNDING, rest)
-    return Cells(cells.joint, settled)
-
-
-def _held(chain: Chain, cells: Cells, allowed: Array, feasible: Mask | None) -> Cells:
-    """Those of the cells that the arm may hold, the joints J_ii does not depend on moved from rest where that helps."""
-    settled = _settled(chain, cells, allowed)
-    if feasible is None:
-        return settled
-    q, ok = settled.q.copy(), feasible(settled.q)
-    others = np.round(spread(allowed, _OTHER_RESTS, 0.7) / ROUNDING) * ROUNDING
-    joints = np.arange(chain.n)
-    for own in (True, False):  # first the excited joint alone, then all that do not matter
-        for other in others:
-            bad = np.flatnonzero(~ok)
-            i = cells.joint[bad, None]
-            moved = np.where(joints == i if own else joints <= i, other, q[bad])
-            good = feasible(moved)
-            q[bad[good]], ok[bad[good]] = moved[good], True
-    return Cells(cells.joint, q)[ok]
-
-
-def _repaired(rows: Rows, cells: Cells, pool: Cells, allowed: Array, feasible: Mask) -> Cells:
-    """As good a plan as exchange finds among feasible cells, near `cells` [d] and from the pool.
-
-    Raises PlanError when the feasible cells do not determine all constants.
-    """
-    chain = rows.factoring.chain
-    merit = Merit(rows)
-    count = max(_STEPS // len(cells), _LEAST_STEPS)
-    near, options = cells, _promising(rows, cells + pool, _POOL)
-    for k, reach in enumerate(_REACHES):
-        steps = spread(np.array([[-reach, reach]] * chain.n), count, 0.31 * (k + 1))
-        q = np.clip((near.q[:, None, :] + steps).reshape(-1, chain.n), *allowed.T)
-        options = _held(chain, options + Cells(np.repeat(near.joint, count), q), allowed, feasible)
-        options = _promising(rows, options, _POOL)
-        near = options = options[merit.exchanged(rows.of_cells(options), np.arange(rows.factoring.d))]
-    return near
-
-
-def _promising(rows: Rows, cells: Cells, times: int) -> Cells:
-    """The cells of a good exchange [d], then `times` d of those that could replace them. PlanError if they are too few."""
-    d = rows.factoring.d
-    F = rows.of_cells(cells)
-    if len(F) < d or np.linalg.cond(F / np.linalg.norm(F, axis=0)) * _SEEN > 1:
-        raise PlanError(
-            f"{rows.factoring.chain.name}: the postures the arm may hold (gravity, self-collision) do not determine all {d} "
-            "constants; expected wider effort limits or smaller collision shapes; --no-feasible plans without them"
-        )
-    even = F @ np.linalg.inv(np.linalg.qr(F, mode="r"))
-    start = maxvol(even)
-    leverage = ((even @ np.linalg.inv(even[start])) ** 2).sum(axis=1)
-    leverage[start] = 0.0
-    return cells[np.concatenate([start, np.argsort(-leverage, kind="stable")[: times * d]])]
 
 
 def plan(
@@ -207,13 +119,11 @@ def plan(
     search = _SEARCH[effort]
     first, start = candidates(rows, allowed)
     best = optimum(rows, allowed, start, search.rounds)
-    cells = saturated(rows, first, best, allowed, search)
-    pool = best.cells + every_joint(spread(allowed, CANDIDATES, 0.5))
-    held = _held(chain, cells, allowed, feasible)
-    if feasible is not None and len(held) < d:
-        held = _repaired(rows, cells, pool, allowed, feasible)
-    more = _spare(rows, wider, held, pool, int(np.ceil(d / 4)) if spare is None else spare, allowed, feasible)
-    both = _ordered(held, home(allowed)) + _ordered(more, home(allowed))
+    holding = Holding(chain, allowed, feasible)
+    pool = feasible_pool(rows, best, holding)
+    _, needed = holding.placed(saturated(rows, first, best, pool, holding, search))
+    more = _spare(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare)
+    both = _ordered(needed, holding.rest) + _ordered(more, holding.rest)
     return judged(rows, both.joint, both.q, np.arange(len(both)) >= d, allowed, best.log_det_bound)
 
 

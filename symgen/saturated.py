@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from symgen.cells import Cells, Rows, every_joint, spread
 from symgen.chain import Array
 from symgen.errors import PlanError
+from symgen.holding import Holding
 from symgen.optimal import FAR, Optimum
 
 #: Postures from which the search starts, and those over which it takes the amplification.
@@ -38,6 +39,11 @@ _SHARPNESS = 8
 _SAME = 1e-6
 
 
+#: Feasible cells: how many times d take part, steps of one stretch, stretches for as many steps of a free search, the parts
+#: of the way tried, and the gain of merit below which it is over.
+_OPTIONS, _STRETCH, _STRETCHES, _PARTS, _STALLED = 8, 15, 2, (1.0, 0.7, 0.4, 0.2, 0.08, 0.03), 1e-3
+
+
 @dataclass(frozen=True)
 class Search:
     """Rounds of `optimal.optimum`, exchanges started over its cells, designs refined, their steps, and the best one's."""
@@ -50,15 +56,14 @@ class Search:
 
 
 def candidates(rows: Rows, allowed: Array) -> tuple[Cells, Cells]:
-    """Returns d cells by exchange among evenly spread postures, and some 4 d of high variance with them, to start from.
+    """Returns d cells by exchange among evenly spread postures, and 4 d of high variance, these among them, to start from.
 
     Raises PlanError when the postures within the box `allowed` [n, 2] do not tell all constants apart.
     """
     d = rows.factoring.d
     pool = every_joint(spread(allowed, CANDIDATES, 0.5))
     F = rows.of_cells(pool)
-    even, values, _ = np.linalg.svd(F / np.linalg.norm(F, axis=0), full_matrices=False)
-    rank = int((values > _SEEN * values[0]).sum())
+    rank = _rank(rows, pool)
     if rank < d:
         chain = rows.factoring.chain
         k = int(np.argmin(allowed[:, 1] - allowed[:, 0]))
@@ -66,10 +71,8 @@ def candidates(rows: Rows, allowed: Array) -> tuple[Cells, Cells]:
             f"{chain.name}: postures within the joint limits tell only {rank} of {d} constants apart; expected wider limits, "
             f"or joints that hardly move frozen (narrowest: {chain.names[k]}, {allowed[k, 1] - allowed[k, 0]:.3g} rad or m)"
         )
-    chosen = maxvol(even)
-    leverage = ((even @ np.linalg.inv(even[chosen])) ** 2).sum(axis=1)
-    more = np.argsort(-leverage, kind="stable")[: 3 * d]
-    return pool[chosen], pool[np.union1d(chosen, more)]
+    telling = _telling(F)
+    return pool[telling[:d]], pool[np.sort(telling[: 4 * d])]
 
 
 def maxvol(F: Array, first: int | None = None) -> NDArray[np.int64]:
@@ -145,25 +148,100 @@ class Merit:
             chosen[column] = row
 
 
-def saturated(rows: Rows, first: Cells, best: Optimum, allowed: Array, search: Search) -> Cells:
-    """Returns the d cells of largest merit found from the cells of the optimal spread and from the d cells `first`."""
+def saturated(rows: Rows, first: Cells, best: Optimum, pool: Cells, holding: Holding, search: Search) -> Cells:
+    """Returns the d cells of largest merit found from the cells of the optimal spread and from the d cells `first`.
+
+    Where not all postures are feasible, from those of the `pool` (see `feasible_pool`), and all those returned are.
+    """
     merit = Merit(rows)
-    F = rows.of_cells(best.cells)
-    even = F @ np.linalg.inv(np.linalg.cholesky((F * best.weight[:, None]).T @ F)).T
+    options = best.cells
+    if holding.feasible is not None:
+        options = pool[_telling(rows.of_cells(pool))[: _OPTIONS * rows.factoring.d]]
+    F = rows.of_cells(options)
+    even = F @ np.linalg.inv(np.linalg.qr(F, mode="r"))
     found: list[tuple[float, NDArray[np.int64]]] = []
     for start in np.unique(np.linspace(0, len(F) - 1, search.starts).astype(np.int64)).tolist():
         chosen = merit.exchanged(F, maxvol(even, start))
         found.append((merit(F[chosen]), chosen))
     found.sort(key=lambda one: -one[0])
     distinct = [found[k][1] for k in range(len(found)) if k == 0 or found[k - 1][0] - found[k][0] > _SAME]
-    starts = [best.cells[chosen] for chosen in distinct[: search.designs]] + [first]
-    designs = [_refined(rows, merit, cells, allowed, search.steps) for cells in starts]
+    starts = [options[chosen] for chosen in distinct[: search.designs]]
+    if holding.feasible is None:
+        starts.append(first)
+    designs = [_refined(rows, merit, cells, holding, search.steps) for cells in starts]
     winner = max(designs, key=lambda cells: merit(rows.of_cells(cells)))
-    return _refined(rows, merit, winner, allowed, search.last_steps)
+    return _refined(rows, merit, winner, holding, search.last_steps)
 
 
-def _refined(rows: Rows, merit: Merit, cells: Cells, allowed: Array, steps: int) -> Cells:
-    """The d cells with their postures moved within the box up the merit, by at most `steps` quasi-Newton steps."""
+def feasible_pool(rows: Rows, best: Optimum, holding: Holding) -> Cells:
+    """Returns the feasible ones of the cells of the optimal spread and of evenly spread postures, as they are run.
+
+    Raises PlanError when they do not tell all constants apart.
+    """
+    d = rows.factoring.d
+    rank = 0
+    for count in (CANDIDATES, 4 * CANDIDATES):
+        passed, pool = holding.placed(best.cells + every_joint(spread(holding.allowed, count, 0.5)))
+        rank = _rank(rows, pool[passed])
+        if rank == d:
+            return pool[passed]
+    raise PlanError(
+        f"{rows.factoring.chain.name}: the postures the arm may hold (gravity, self-collision) tell only {rank} of {d} "
+        "constants apart; expected wider effort limits or smaller collision shapes; --no-feasible plans without them"
+    )
+
+
+def _telling(F: Array) -> NDArray[np.int64]:
+    """The rows of F [N, d] in order: d of large determinant, then those that would add most to them."""
+    even = F @ np.linalg.inv(np.linalg.qr(F, mode="r"))
+    chosen = maxvol(even)
+    leverage = ((even @ np.linalg.inv(even[chosen])) ** 2).sum(axis=1)
+    leverage[chosen] = -1.0
+    return np.concatenate([chosen, np.argsort(-leverage, kind="stable")[: len(F) - len(chosen)]])
+
+
+def _rank(rows: Rows, cells: Cells) -> int:
+    """How many combinations of constants the cells show."""
+    if not len(cells):
+        return 0
+    values = np.linalg.svd(rows.of_cells(cells) / np.maximum(rows.sizes(cells), 1e-300), compute_uv=False)
+    return int((values > _SEEN * values[0]).sum())
+
+
+def _refined(rows: Rows, merit: Merit, cells: Cells, holding: Holding, steps: int) -> Cells:
+    """The d cells with their postures moved within the box up the merit, by at most `steps` quasi-Newton steps.
+
+    Where not all postures are feasible, in stretches: each cell goes as far towards its aim as it may, then all aim again.
+    """
+    if holding.feasible is None:
+        return _climbed(rows, merit, cells, holding.allowed, steps)
+    best, reached = cells, merit(rows.of_cells(cells))
+    for _ in range(_STRETCHES * steps // _STRETCH):
+        before = reached
+        cells = _towards(cells, _climbed(rows, merit, cells, holding.allowed, _STRETCH), holding)
+        value = merit(rows.of_cells(cells))
+        if value > reached:
+            best, reached = cells, value
+        if reached < before + _STALLED:
+            break
+    return best
+
+
+def _towards(cells: Cells, aim: Cells, holding: Holding) -> Cells:
+    """Each cell moved the largest of some parts of the way to its aim at which it is feasible."""
+    q = cells.q.copy()
+    left = np.arange(len(cells))
+    for part in _PARTS:
+        tried = Cells(cells.joint[left], cells.q[left] + part * (aim.q[left] - cells.q[left]))
+        passed = holding.keeps(tried)
+        q[left[passed]] = tried.q[passed]
+        left = left[~passed]
+        if not len(left):
+            break
+    return Cells(cells.joint, q)
+
+
+def _climbed(rows: Rows, merit: Merit, cells: Cells, allowed: Array, steps: int) -> Cells:
     from scipy.optimize import minimize
 
     def worse(x: Array) -> tuple[float, Array]:

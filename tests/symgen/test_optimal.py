@@ -9,8 +9,8 @@ from chains import general_chain
 
 from symgen.basis import Factoring, factor
 from symgen.cells import Rows, every_joint, spread
+from symgen.holding import box
 from symgen.optimal import d_efficiency, optimum
-from symgen.postures import box
 from symgen.saturated import candidates
 
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from symgen.basis import Factoring, factor
 from symgen.cells import Cells, Rows, every_joint, spread
 from symgen.chain import Chain, Inertia
-from symgen.postures import MARGIN, MARGIN_PART, ROUNDING, Design, Effort, box, certificate, home, judged, plan
+from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, box, home
+from symgen.postures import Design, Effort, certificate, judged, plan
 from symgen.regressor import C_rows
 from symgen.saturated import maxvol
 
@@ -104,14 +105,6 @@ def test_the_number_of_spare_cells_is_the_callers() -> None:
     assert not designed("paper", spare=0).spare.any()
     assert designed("paper", spare=5).spare.sum() == 5
     assert np.array_equal(designed("paper", spare=5).q[:6], designed("paper", spare=0).q)
-
-
-def test_a_box_keeps_a_margin_and_the_rest_lies_in_it() -> None:
-    limits = np.array([[-3.0, 3.0], [0.5, 0.6], [0.1, 0.1], [-2.0, -1.0]])
-    inner = box(limits)
-    assert inner[:2] == pytest.approx(np.array([[-2.95, 2.95], [0.505, 0.595]]), abs=1.01 * ROUNDING)
-    assert inner[2] == pytest.approx([0.1, 0.1], abs=1e-12)
-    assert home(inner) == pytest.approx([0.0, 0.55, 0.1, -1.5], abs=1.01 * ROUNDING)
 
 
 # What a plan achieves ------------------------------------------------------------------------------------------------

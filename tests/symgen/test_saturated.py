@@ -7,15 +7,16 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from arms import factoring_of
+from arms import arm, factoring_of
 from chains import general_chain, postures
+from numpy.typing import NDArray
 
 from symgen.basis import factor
 from symgen.cells import Rows
 from symgen.errors import PlanError
+from symgen.holding import ROUNDING, Holding, box
 from symgen.optimal import optimum
-from symgen.postures import box
-from symgen.saturated import Merit, Search, candidates, maxvol, saturated
+from symgen.saturated import Merit, Search, candidates, feasible_pool, maxvol, saturated
 
 
 def volume(F: np.ndarray) -> float:
@@ -81,15 +82,49 @@ def sharp(merit: Merit, F: np.ndarray) -> float:
 
 def test_a_longer_search_is_not_worse() -> None:
     rows = Rows(factoring_of("ur5"), np.zeros(6))
-    allowed = box(rows.factoring.chain.limits)
-    first, start = candidates(rows, allowed)
-    best = optimum(rows, allowed, start, 4)
-    merit = Merit(rows)
+    holding = Holding(arm("ur5"), box(arm("ur5").limits), None)
+    first, start = candidates(rows, holding.allowed)
+    best = optimum(rows, holding.allowed, start, 4)
+    pool, merit = feasible_pool(rows, best, holding), Merit(rows)
     found = [
-        merit(rows.of_cells(saturated(rows, first, best, allowed, search)))
+        merit(rows.of_cells(saturated(rows, first, best, pool, holding, search)))
         for search in (Search(4, 1, 0, 0, 0), Search(4, 6, 1, 10, 20), Search(4, 24, 6, 40, 200))
     ]
     assert merit(rows.of_cells(first)) <= found[0] < found[1] < found[2]
+
+
+def in_front(q: np.ndarray) -> NDArray[np.bool_]:
+    """An arm beside a wall: all joints together may not turn far, and the elbow never back."""
+    return (q[:, 1:].sum(axis=1) < 2.0) & (q[:, 2] > -1.0)
+
+
+def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
+    rows = Rows(factoring_of("ur5"), np.zeros(6))
+    holding = Holding(arm("ur5"), box(arm("ur5").limits), in_front)
+    first, start = candidates(rows, holding.allowed)
+    best = optimum(rows, holding.allowed, start, 4)
+    pool, merit = feasible_pool(rows, best, holding), Merit(rows)
+    assert in_front(pool.q).all() and len(pool) > 1000
+    short, long = (
+        saturated(rows, first, best, pool, holding, search)
+        for search in (Search(4, 6, 2, 0, 0), Search(4, 6, 2, 40, 200))
+    )
+    for cells in (short, long):
+        assert in_front(np.round(cells.q / ROUNDING) * ROUNDING).all()
+    assert merit(rows.of_cells(long)) > merit(rows.of_cells(short)) + 0.1, "refined up to the walls"
+    unbound = saturated(rows, first, best, pool, Holding(arm("ur5"), holding.allowed, None), Search(4, 6, 2, 40, 200))
+    assert merit(rows.of_cells(unbound)) > merit(rows.of_cells(long)), "walls cost something"
+
+
+def test_too_few_feasible_postures_are_refused_in_one_line() -> None:
+    rows = Rows(factoring_of("ypp3"), np.zeros(3))
+    holding = Holding(arm("ypp3"), box(arm("ypp3").limits), lambda q: np.abs(q[:, 2]) < 1e-3)
+    best = optimum(rows, holding.allowed, candidates(rows, holding.allowed)[1], 1)
+    with pytest.raises(
+        PlanError, match=r"ypp3: the postures the arm may hold .* tell only \d of 9 constants apart"
+    ) as caught:
+        feasible_pool(rows, best, holding)
+    assert "\n" not in str(caught.value)
 
 
 def test_postures_that_can_not_tell_the_constants_are_refused_by_name() -> None:

@@ -1,0 +1,75 @@
+"""Where an arm is held for a measurement: on round numbers inside its limits, the joints that do not matter at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symgen.cells import Cells, spread
+from symgen.chain import REVOLUTE, Array, Chain
+
+#: Tells which postures [m, n] an arm may hold: a mask [m].
+Mask = Callable[[Array], NDArray[np.bool_]]
+
+#: Left free at either end of a joint's range [rad, m], but no more than this part of it: a swing and a poor zero.
+MARGIN, MARGIN_PART = 0.05, 0.05
+
+#: Angles and slides of a plan are whole multiples of this [rad, m], so that a plan is the same on every machine.
+ROUNDING = 1e-4
+
+#: Other places tried for the joints that a cell does not depend on.
+_OTHER_RESTS = 5
+
+
+def box(limits: Array) -> Array:
+    """Returns the joint intervals a plan may use [n, 2]: the limits less a margin, on whole multiples of `ROUNDING`."""
+    low, high = limits.T
+    inset = np.minimum(MARGIN, MARGIN_PART * (high - low))
+    inner = np.stack([np.ceil((low + inset) / ROUNDING), np.floor((high - inset) / ROUNDING)], axis=1) * ROUNDING
+    fits = inner[:, 0] <= inner[:, 1]
+    return np.where(fits[:, None], inner, limits.mean(axis=1, keepdims=True))
+
+
+def home(allowed: Array) -> Array:
+    """Returns the resting posture [n]: zero where allowed, else the middle of the interval."""
+    inside = (allowed[:, 0] <= 0) & (allowed[:, 1] >= 0)
+    return np.where(inside, 0.0, _round(allowed.mean(axis=1)))
+
+
+class Holding:
+    """The postures of one arm in the box `allowed` [n, 2], and which of them are `feasible` (all, where None)."""
+
+    def __init__(self, chain: Chain, allowed: Array, feasible: Mask | None):
+        self.allowed, self.feasible = allowed, feasible
+        self.rest = home(allowed)
+        self._joints = np.arange(chain.n)
+        self._turning = np.array([joint.type == REVOLUTE for joint in chain.joints])
+
+    def keeps(self, cells: Cells) -> NDArray[np.bool_]:
+        """Which cells [N] may be run as they are, rounded."""
+        return np.ones(len(cells), dtype=bool) if self.feasible is None else self.feasible(_round(cells.q))
+
+    def placed(self, cells: Cells) -> tuple[NDArray[np.bool_], Cells]:
+        """Which cells [N] may be run, and the cells as they are run: whole turns taken off, rounded, the joints that J_ii
+        does not depend on (1..i) at rest, or elsewhere where only that is feasible."""
+        turned = cells.q - np.where(self._turning, 2 * np.pi * np.round(cells.q / (2 * np.pi)), 0.0)
+        low, high = self.allowed.T
+        q = _round(np.where((turned >= low) & (turned <= high), turned, cells.q))
+        free = self._joints <= cells.joint[:, None]
+        q = np.where(free, self.rest, q)
+        passed = np.ones(len(q), dtype=bool) if self.feasible is None else self.feasible(q)
+        own = self._joints == cells.joint[:, None]
+        for moving in (own, free):  # first the excited joint alone, then all that do not matter
+            for other in _round(spread(self.allowed, _OTHER_RESTS, 0.7)) if not passed.all() else ():
+                left = np.flatnonzero(~passed)
+                moved = np.where(moving[left], other, q[left])
+                good = self.keeps(Cells(cells.joint[left], moved))
+                q[left[good]], passed[left[good]] = moved[good], True
+        return passed, Cells(cells.joint, q)
+
+
+def _round(q: Array) -> Array:
+    rounded: Array = np.round(q / ROUNDING) * ROUNDING
+    return rounded
