@@ -1,36 +1,34 @@
 """Plans of other kinds: the user's own postures, whole multiples of an angle, and the paper's triangular plan.
 
-Each chooser takes the rows of an arm, its factoring without believed zeros and what tells feasible postures, and returns
-cells and which of them are spare. `judged` then says of any cells what they achieve, even if that is not enough.
+Each returns cells and which of them are spare; `judgement` says what they achieve.
 """
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symgen.basis import Factoring
 from symgen.cells import Cells, Rows, every_joint, spread
-from symgen.chain import REVOLUTE, Array, Chain, readonly
+from symgen.chain import REVOLUTE, Array, Chain
 from symgen.errors import NoPlanError, PlanError
-from symgen.postures import ROUNDING, Design, Effort, Mask, box, home, plan
-from symgen.postures import judged as judged_complete
+from symgen.holding import ROUNDING, Holding, Mask, box, home
+from symgen.judgement import undetermined
+from symgen.postures import Effort, ordered, plan, spare_cells
 from symgen.regressor import C_rows
 from symgen.saturated import CANDIDATES, Merit, maxvol
 
 #: Cells, and which of them [N] are spare.
 Selection = tuple[Cells, NDArray[np.bool_]]
-#: (rows, factoring without believed zeros, feasible) -> cells.
+#: Chooses cells from the rows of an arm, its factoring without believed zeros, and what tells feasible postures.
 Chooser = Callable[[Rows, Factoring, Mask | None], Selection]
-
-#: A combination of constants that cells show less than this, relative to the one they show best, stays open.
-SEEN = 1e-6
-
-_WORKSPACE = 2000
 
 #: Other places tried for the joints that a cell does not depend on, where the arm may not hold it with them at rest.
 _OTHER_RESTS = 5
@@ -49,72 +47,61 @@ _ANGLES, _MOST_POSTURES, _CHUNK = (45, 90, 180), 200_000, 10_000
 _EXACT = 1e-9
 
 
-# What any cells achieve ----------------------------------------------------------------------------------------------
+# The user's own ------------------------------------------------------------------------------------------------------
 
 
-def undetermined(rows: Rows, cells: Cells) -> tuple[int, tuple[str, ...]]:
-    """Returns how many combinations of constants the cells determine, and the constants that stay open, by name."""
-    visible, _ = _visible(rows, cells, _workspace(rows))
-    share = 1 - (visible**2).sum(axis=0)
-    names = rows.factoring.names[: rows.factoring.d]
-    return len(visible), tuple(name for name, left in zip(names, share, strict=True) if left > SEEN)
+def given(path: str | Path, chain: Chain) -> Selection:
+    """Returns the cells of a file: CSV with one cell a line (joint name, q1, .., qn in rad or m; `#` begins a remark, a
+    first line that begins with "joint" is a heading), JSON with a list of {"joint": .., "q": [..]}, or a plan.json.
 
-
-def judged(rows: Rows, cells: Cells, spare: NDArray[np.bool_]) -> Design:
-    """Returns what the cells achieve, whoever chose them; `spare` [N] as in `Design`, and not counted.
-
-    Where the cells do not determine all constants the D-efficiency is 0, `cond` is nan, and so is the amplification of the
-    joints whose J_ii(q) they do not determine everywhere.
+    Raises PlanError, one line naming file and line or cell, for anything else; OSError.
     """
-    factoring, everywhere = rows.factoring, _workspace(rows)
-    visible, scaled = _visible(rows, cells[~spare], everywhere)
-    if len(visible) == factoring.d:
-        return judged_complete(rows, cells.joint, cells.q, spare, box(factoring.chain.limits))
-    E = everywhere / _size(everywhere)
-    hidden = np.linalg.norm(E - E @ visible.T @ visible, axis=(0, 2)) > SEEN * np.linalg.norm(E, axis=(0, 2))
-    variance = ((E @ np.linalg.pinv(scaled, rcond=SEEN)) ** 2).sum(axis=2)
-    return Design(
-        joint=cells.joint,
-        q=readonly(cells.q),
-        spare=spare,
-        amplification=readonly(np.where(hidden, np.nan, np.sqrt(variance.mean(axis=0)))),
-        amplification_p999=readonly(np.where(hidden, np.nan, np.sqrt(np.quantile(variance, 0.999, axis=0)))),
-        cond=readonly(np.full(factoring.chain.n, np.nan)),
-        d_efficiency=0.0,
-        d_efficiency_all=0.0,
-    )
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+        found = _of_json(json.loads(text)) if text.lstrip()[:1] in ("[", "{") else _of_csv(text)
+        cells = [(where, joint, [float(x) for x in q], spare) for where, joint, q, spare in found]
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        problem = " ".join(f"{type(error).__name__} {error}".split())
+        raise PlanError(
+            f"{path}: not a file of postures: {problem}; expected lines of joint name, q1, .., or JSON"
+        ) from None
+    if not cells:
+        raise PlanError(f"{path}: no posture; expected lines of joint name, q1, .., or JSON")
+    for where, joint, q, _ in cells:
+        if joint not in chain.names or len(q) != chain.n or not np.isfinite(q).all():
+            raise PlanError(
+                f"{path}: {where}: joint {joint!r} at {len(q)} values; expected one of {', '.join(chain.names)} at "
+                f"{chain.n} finite numbers"
+            )
+    joints = np.array([chain.names.index(joint) for _, joint, _, _ in cells], dtype=np.int64)
+    return Cells(joints, np.array([q for _, _, q, _ in cells])), np.array([spare for *_, spare in cells], dtype=bool)
 
 
-def _workspace(rows: Rows) -> Array:
-    return rows(spread(rows.factoring.chain.limits, _WORKSPACE, 0.123))
+def _of_json(document: Any) -> list[tuple[str, str, list[Any], bool]]:
+    cells = document if isinstance(document, list) else document["plan"]["cells"]
+    return [(f"cell {k}", cell["joint"], list(cell["q"]), cell.get("spare") is True) for k, cell in enumerate(cells, 1)]
 
 
-def _size(everywhere: Array) -> Array:
-    """How much each constant matters over the workspace [d]: makes constants comparable."""
-    size: Array = np.sqrt((everywhere**2).sum(axis=1).max(axis=0))
-    return size
+def _of_csv(text: str) -> list[tuple[str, str, list[Any], bool]]:
+    lines = ((k, line.partition("#")[0].strip()) for k, line in enumerate(text.splitlines(), 1))
+    rows = [(k, [field.strip().strip('"') for field in line.split(",")]) for k, line in lines if line]
+    if rows and rows[0][1][0].lower() == "joint":
+        del rows[0]
+    out = []
+    for k, (joint, *values) in rows:
+        try:
+            out.append((f"line {k}", joint, [float(value) for value in values], False))
+        except ValueError:
+            raise ValueError(f"line {k}: {','.join(values)[:60]!r} are not all numbers") from None
+    return out
 
 
-def _visible(rows: Rows, cells: Cells, everywhere: Array) -> tuple[Array, Array]:
-    """An orthonormal basis [rank, d] of what the cells determine of the scaled constants, and their scaled rows [N, d]."""
-    scaled = rows.of_cells(cells) / _size(everywhere)
-    _, values, basis = np.linalg.svd(scaled, full_matrices=False)
-    return basis[values > SEEN * values.max(initial=0.0)], scaled
-
-
-def _spare(rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int | None) -> Selection:
-    """The planned cells, then `count` (default a quarter) of the pool where a model with every inertial parameter free is
-    least tied down: they discriminate, which a plan of d cells can not."""
-    G, F = rows.of_cells(pool, of=wider), rows.of_cells(planned, of=wider)
-    M = F.T @ F + 1e-2 * G.T @ G / max(len(G), 1)
-    chosen: list[int] = []
-    for _ in range(min(int(np.ceil(len(planned) / 4)) if count is None else count, len(pool))):
-        leverage = np.einsum("Nd,de,Ne->N", G, np.linalg.inv(M), G, optimize=True)
-        leverage[chosen] = -1.0
-        chosen.append(int(np.argmax(leverage)))
-        M += np.outer(G[chosen[-1]], G[chosen[-1]])
-    chosen.sort(key=lambda k: -pool.joint[k])
-    both = planned + pool[np.array(chosen, dtype=np.int64)]
+def _with_spare(
+    rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int | None, start: Array
+) -> Selection:
+    """The planned cells, then `count` (default a quarter) of the pool that discriminate, in the order to visit them."""
+    count = int(np.ceil(len(planned) / 4)) if count is None else count
+    both = planned + ordered(spare_cells(rows, wider, planned, pool, count), start)
     return both, np.arange(len(both)) >= len(planned)
 
 
@@ -169,10 +156,7 @@ def gridded(
         reached = value
         options = best + lattice.held(lattice.around(best, 0.31 * (k + 1)))
         chosen = np.arange(len(best))
-    best = best[np.lexsort((*best.q.T[::-1], -best.joint))]
-    keys = {_key(cell) for cell in _each(best)}
-    others = pool[np.array([_key(cell) not in keys for cell in _each(pool)], dtype=bool)]
-    return _spare(rows, wider, best, others, spare)
+    return _with_spare(rows, wider, ordered(best, lattice.rest), pool, spare, lattice.rest)
 
 
 class _Lattice:
@@ -239,14 +223,6 @@ def _independent(rows: Rows, cells: Cells, what: str) -> NDArray[np.int64]:
     return maxvol(F @ np.linalg.inv(np.linalg.qr(F, mode="r")))
 
 
-def _each(cells: Cells) -> Iterator[tuple[int, Array]]:
-    return zip(cells.joint.tolist(), cells.q, strict=True)
-
-
-def _key(cell: tuple[int, Array]) -> tuple[int, bytes]:
-    return cell[0], np.round(cell[1], 9).tobytes()
-
-
 # The paper's kind of plan --------------------------------------------------------------------------------------------
 
 
@@ -265,10 +241,9 @@ def triangular(rows: Rows, wider: Factoring, feasible: Mask | None, *, spare: in
         new = [k for k, alpha in enumerate(factoring.alphas[: factoring.d]) if alpha.i == i]
         if new:
             found = found + _staircase(factoring, i, new, allowed, found.q, feasible)
-    pool = every_joint(spread(allowed, CANDIDATES, 0.5))
-    rounded = np.round(np.where(np.arange(factoring.chain.n) > pool.joint[:, None], pool.q, home(allowed)), 4)
-    others = holdable(Cells(pool.joint, rounded), spread(allowed, _OTHER_RESTS, 0.7), feasible)
-    return _spare(rows, wider, found, others, spare)
+    holding = Holding(factoring.chain, allowed, feasible)
+    passed, pool = holding.placed(every_joint(spread(allowed, CANDIDATES, 0.5)))
+    return _with_spare(rows, wider, found, found + pool[passed], spare, holding.rest)
 
 
 def _staircase(

@@ -10,13 +10,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from symgen.errors import SymgenError
+from symgen.errors import NoPlanError, SymgenError
 
 if TYPE_CHECKING:
     from symgen.plan import Plan
+    from symgen.request import Request
 
 #: Threads cost more than they give on the small matrices here; set before numpy is first imported.
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
@@ -26,9 +28,15 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="symgen",
         description="From a URDF to J_ii(q) = C_i(q) alpha_i, the postures that measure alpha, and code for both.",
+        epilog="symgen plan DIR --plot draws the plan in a directory that -o wrote (symgen plan --help).",
     )
-    parser.add_argument("urdf", metavar="URDF", help="the robot; a robot.toml beside it is read too")
+    parser.add_argument("urdf", metavar="URDF", nargs="?", help="the robot; a robot.toml beside it is read too")
     parser.add_argument("-o", dest="out", metavar="DIR", help="write plan, functions and equations here")
+    parser.add_argument(
+        "--check",
+        metavar="DIR",
+        help="compare the files there with what would be written for URDF (default: DIR/../../robots/NAME/NAME.urdf)",
+    )
     parser.add_argument("--base", metavar="LINK", help="first link of the arm (default: the root)")
     parser.add_argument(
         "--tip", metavar="LINK", help="last link of the arm (default: end of the longest run of joints)"
@@ -40,24 +48,54 @@ def _parser() -> argparse.ArgumentParser:
         default=None,
         help="take inertial parameters that are exactly zero in the URDF as known (default: as robot.toml says, else no)",
     )
-    parser.add_argument("--no-snap", action="store_true", help="keep angles such as 1.5708 as written")
+    parser.add_argument("--no-snap", dest="snap", action="store_false", help="keep angles such as 1.5708 as written")
     parser.add_argument("--spare", metavar="N", type=int, help="measurements beyond the minimum (default: a quarter)")
     parser.add_argument("--refine", action="store_true", help="search longer for the best plan")
     parser.add_argument(
-        "--no-feasible", action="store_true", help="plan postures whatever gravity asks of the motors or touches itself"
+        "--postures", metavar="FILE", help="judge these: lines of joint name, q1, .. [rad or m], or JSON"
+    )
+    parser.add_argument("--grid", metavar="STEP", help="plan on multiples of this, as 15deg or 15deg,5mm (slides: 1cm)")
+    parser.add_argument("--triangular", action="store_true", help="the paper's kind of plan, where the arm has one")
+    parser.add_argument(
+        "--no-feasible",
+        dest="feasible",
+        action="store_false",
+        help="plan postures whatever gravity asks of the motors or touches itself",
     )
     parser.add_argument("--no-verify", action="store_true", help="do not compare J(q) with Pinocchio's")
     parser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
     return parser
 
 
+def _plan_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="symgen plan", description="Shows the plan in a directory that -o wrote.")
+    parser.add_argument("directory", metavar="DIR", type=Path, help="holds plan.json")
+    parser.add_argument("urdf", metavar="URDF", type=Path, nargs="?", help="default: DIR/../../robots/NAME/NAME.urdf")
+    parser.add_argument("--plot", action="store_true", help="draw postures, coverage, singular values, amplification")
+    parser.add_argument("-o", dest="out", metavar="FILE.svg", type=Path, help="default: NAME_plan.svg, here")
+    return parser
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command line and returns the exit status: 0 done, 2 misuse or bad input (one line on standard error)."""
+    """Runs the command line and returns the exit status.
+
+    0 done, 1 done but a problem was found (files differ, postures do not suffice, no plan of that kind), 2 misuse or bad
+    input (one line on standard error).
+    """
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
-    options = _parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        return _run(options)
+        if words[:1] == ["plan"]:
+            return _plan(_plan_parser().parse_args(words[1:]))
+        parser = _parser()
+        options = parser.parse_args(words)
+        if options.urdf is None and options.check is None:
+            parser.error("the following arguments are required: URDF")
+        return _check(options) if options.check is not None else _run(options)
+    except NoPlanError as error:
+        print(f"symgen: {error}", file=sys.stderr)
+        return 1
     except SymgenError as error:
         print(f"symgen: {error}", file=sys.stderr)
     except OSError as error:
@@ -65,36 +103,60 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 2
 
 
-def _run(options: argparse.Namespace) -> int:
-    from symgen import plan
+def _request(options: argparse.Namespace) -> Request:
+    from symgen.request import Request
 
-    start = time.perf_counter()
-    if options.spare is not None and options.spare < 0:
-        raise SymgenError(f"--spare {options.spare}: expected 0 or more")
-    settings = _settings(options)
-    believe_zeros, drives, gravity = (settings.pop(name) for name in ("believe_zeros", "drives", "gravity"))
-    chain, unsnapped = plan.chain_of_file(options.urdf, snap=not options.no_snap, **settings)
-    parsed = time.perf_counter() - start
-    result = plan.make_plan(
-        chain,
-        unsnapped=unsnapped,
-        believe_zeros=believe_zeros,
-        rotor=plan.reflected_inertia(chain, drives),
-        spare=options.spare,
-        effort="full" if options.refine else "quick",
-        feasible=None if options.no_feasible else plan.feasible_postures(chain, Path(options.urdf), drives, gravity),
-    )
+    return Request(**{field.name: getattr(options, field.name) for field in fields(Request)})
+
+
+def _run(options: argparse.Namespace) -> int:
+    from symgen.request import plan_for
+
+    result = plan_for(Path(options.urdf), _request(options))
     document = dict(result.document)
     if not options.no_verify:
         document["verified"] = _verified(result)
-    document["seconds"] = {"parse": parsed, **result.seconds}
     begin = time.perf_counter()
-    document["files"] = _write(result, Path(options.out), Path(options.urdf)) if options.out else []
-    document["seconds"]["emit"] = time.perf_counter() - begin
+    document["files"] = _write(result, Path(options.out)) if options.out else []
+    document["seconds"] = {**result.seconds, "emit": time.perf_counter() - begin}
     if options.json:
         print(json.dumps(document, ensure_ascii=False))
     else:
         _print(document)
+    return 1 if document["plan"]["open"] or document["plan"]["infeasible"] else 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    from symgen.check import check
+
+    if options.out is not None:
+        raise SymgenError(f"-o {options.out}: expected without --check, which writes nothing")
+    result = check(Path(options.check), Path(options.urdf) if options.urdf else None, _request(options))
+    if options.json:
+        print(json.dumps(result.document(), ensure_ascii=False))
+    else:
+        for name, what in result.differences.items():
+            print(f"{result.directory / name}: {what}")
+        if not result.differences:
+            print(f"{result.directory}: {result.files} files, all as symgen writes them for {result.urdf}")
+    return 1 if result.differences else 0
+
+
+def _plan(options: argparse.Namespace) -> int:
+    from symgen.plot import plot_of
+    from symgen.request import urdf_of
+
+    if not options.plot:
+        raise SymgenError(f"plan {options.directory}: nothing to do; expected --plot")
+    name = options.directory.resolve().name
+    out = options.out or Path(f"{name}_plan.svg")
+    if out.is_dir():
+        raise SymgenError(f"-o {out}: a directory; expected a file to write")
+    svg = plot_of(options.directory, options.urdf or urdf_of(options.directory))
+    beside = out.with_name(f".{out.name}-{os.getpid()}")
+    beside.write_text(svg, encoding="utf-8")
+    os.replace(beside, out)
+    print(out)
     return 0
 
 
@@ -110,41 +172,7 @@ def _verified(result: Plan) -> dict[str, Any]:
     }
 
 
-def _settings(options: argparse.Namespace) -> dict[str, Any]:
-    """base, tip, at, believe_zeros and drives: from the command line, else from the robot.toml beside the URDF."""
-    from symgen.robot import load_robot
-
-    urdf = Path(options.urdf)
-    beside = urdf.parent / "robot.toml"
-    robot = load_robot(beside) if beside.is_file() else None
-    if robot is not None and robot.urdf.resolve() != urdf.resolve():
-        robot = None
-    return {
-        "base": options.base or (robot.base if robot else None),
-        "tip": options.tip or (robot.tip if robot else None),
-        "at": _frozen_at(options.at) or (dict(robot.at) if robot else {}),
-        "believe_zeros": options.believe_zeros
-        if options.believe_zeros is not None
-        else bool(robot and robot.believe_zeros),
-        "drives": robot.drives if robot else (),
-        "gravity": robot.gravity if robot else (0.0, 0.0, -9.81),
-    }
-
-
-def _frozen_at(text: str | None) -> dict[str, float]:
-    out = {}
-    for item in text.split(",") if text else ():
-        name, separator, value = item.rpartition("=")
-        try:
-            out[name.strip()] = float(value)
-        except ValueError:
-            separator = ""
-        if not separator or not name.strip():
-            raise SymgenError(f"--at {item!r}: expected NAME=VALUE with a number in rad or m")
-    return out
-
-
-def _write(result: Plan, directory: Path, urdf: Path) -> list[str]:
+def _write(result: Plan, directory: Path) -> list[str]:
     """Writes everything beside the target first and moves it there file by file: never a half-written output."""
     from symgen import emit
 
@@ -172,7 +200,7 @@ def _print(document: dict[str, Any]) -> None:
         print(
             f"{document['joints'][k]:<24}{document['types'][k]:<11}{document['monomials_per_joint'][k]:>9}"
             f"{document['rank_per_joint'][k]:>6}{document['new_per_joint'][k]:>11}{cells:>7}"
-            f"{plan['amplification_per_joint'][k]:>15.3g}"
+            f"{_number(plan['amplification_per_joint'][k]):>15}"
         )
     kept, dropped = document["singular_value_gap"]
     print(
@@ -193,11 +221,21 @@ def _print(document: dict[str, Any]) -> None:
         f"Plan: {plan['measurements']} measurements and {plan['spare']} spare ones, "
         f"D-efficiency at least {plan['d_efficiency_at_least']:.3f}"
     )
+    if plan["open"]:
+        print(
+            f"The postures determine {plan['rank']} of {document['shared_rank']} constants; open: {', '.join(plan['open'])}"
+        )
+    for row in plan["infeasible"]:
+        print(f"Cell {row['cell']} ({row['joint']}) can not be held: {row['why']}")
     if "verified" in document:
         verified = document["verified"]
         print(f"J(q) equals Pinocchio's to {verified['relative_error']:.1e} at {verified['postures']} random postures.")
     for name in document["files"]:
         print(name)
+
+
+def _number(value: float | None) -> str:
+    return "open" if value is None else f"{value:.3g}"
 
 
 if __name__ == "__main__":

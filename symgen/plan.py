@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from symgen import kinematics, postures, regressor
+from symgen.alternatives import Chooser
 from symgen.basis import Factoring, factor
+from symgen.cells import Cells, Rows
 from symgen.chain import PRISMATIC, Array, Chain
 from symgen.errors import PlanError, RobotError
 from symgen.feasible import Feasible
 from symgen.formula import alpha_cad
+from symgen.judgement import infeasible, judged, undetermined
 from symgen.robot import Drive, Robot
 from symgen.urdf import load_chain, parse_chain
 
@@ -166,23 +169,35 @@ def make_plan(
     spare: int | None = None,
     effort: postures.Effort = "quick",
     feasible: Feasible | None = None,
+    choose: Chooser | None = None,
 ) -> Plan:
     """Returns the plan of an arm: ranks, constants, what the diagonals can not see, and the cells to measure.
 
     `unsnapped` is the same chain with the file's own angles, to state what snapping costs; `rotor` [n, kg m2] the
-    reflected motor inertias N^2 J_m; `spare`, `effort` and `feasible` as in `postures.plan`.
+    reflected motor inertias N^2 J_m; `spare`, `effort` and `feasible` as in `postures.plan`, which chooses the cells
+    unless `choose` does (see `alternatives`). Cells of `choose` may be too few, or infeasible: the document says so.
     """
     seconds = {}
     start = time.perf_counter()
     model = make_model(chain, believe_zeros=believe_zeros)
     seconds["derive"] = time.perf_counter() - start
     start = time.perf_counter()
-    design = postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, effort=effort, feasible=feasible)
+    rows = Rows(model.factoring, np.zeros(chain.n) if rotor is None else rotor)
+    if choose is None:
+        design = postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, effort=effort, feasible=feasible)
+    else:
+        design = judged(rows, *choose(rows, model.wider, feasible))
     seconds["plan"] = time.perf_counter() - start
     cells = tuple(
         Cell(chain.names[i], q, bool(extra)) for i, q, extra in zip(design.joint, design.q, design.spare, strict=True)
     )
     document = _document(model, design, cells, unsnapped)
+    planned = Cells(design.joint, design.q)
+    rank, open_ = undetermined(rows, planned[~design.spare])
+    refused = [
+        {"cell": k + 1, "joint": cells[k].joint, "why": why} for k, why in infeasible(chain, planned, feasible).items()
+    ]
+    document["plan"] |= {"rank": rank, "open": list(open_), "infeasible": refused}
     document["plan"]["feasible"] = feasible.notes if feasible is not None else None
     return Plan(model, cells, document, seconds)
 
@@ -221,11 +236,11 @@ def _document(
             "measurements": int((~design.spare).sum()),
             "spare": int(design.spare.sum()),
             "error_model": "sigma(J_ii) proportional to J_ii + N^2 J_m (N^2 J_m = 0 where the drive is not known)",
-            "amplification_per_joint": [_digits(value, 4) for value in design.amplification],
-            "amplification_p999_per_joint": [_digits(value, 4) for value in design.amplification_p999],
+            "amplification_per_joint": [_known(value, 4) for value in design.amplification],
+            "amplification_p999_per_joint": [_known(value, 4) for value in design.amplification_p999],
             "d_efficiency_at_least": float(np.floor(design.d_efficiency * 1e3) / 1e3),
             "d_efficiency_with_spare_at_least": float(np.floor(design.d_efficiency_all * 1e3) / 1e3),
-            "cond_per_joint": [_digits(value, 4) for value in design.cond],
+            "cond_per_joint": [_known(value, 4) for value in design.cond],
             "cond_scaling": "rows of one joint's cells over sigma, columns whitened over the workspace",
             "cells": [
                 {"joint": cell.joint, "q": [_digits(value, 12) for value in cell.q], "spare": cell.spare}
@@ -268,6 +283,10 @@ def _snapped(chain: Chain, unsnapped: Chain | None) -> list[dict[str, Any]]:
         {"joint": snap.joint, "from": snap.found, "to": snap.text, "cost": _digits(cost.get(snap.joint, 0.0), 2)}
         for snap in chain.snapped
     ]
+
+
+def _known(value: float, digits: int) -> float | None:
+    return None if np.isnan(value) else _digits(value, digits)
 
 
 def _digits(value: float, digits: int) -> float:

@@ -65,8 +65,9 @@ class Design:
     d_efficiency_all: float
 
 
-def _spare(rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int) -> Cells:
-    """Cells that discriminate: where a model with every inertial parameter free (`wider`) is least tied down so far.
+def spare_cells(rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int) -> Cells:
+    """Returns `count` cells of the pool that discriminate: where a model with every inertial parameter free (`wider`) is
+    least tied down so far.
 
     A plan of d cells fits its d constants without residual whatever is missing; the cells chosen here are those whose
     prediction by the wider model varies most, given the planned ones and a weak prior.
@@ -81,8 +82,8 @@ def _spare(rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int
     return pool[np.array(chosen, dtype=np.int64)]
 
 
-def _ordered(cells: Cells, start: Array) -> Cells:
-    """The cells in the order to visit them: tip to base, within a joint always the nearest posture next."""
+def ordered(cells: Cells, start: Array) -> Cells:
+    """Returns the cells in the order to visit them: tip to base, within a joint always the nearest posture next."""
     order: list[int] = []
     here = start
     for i in sorted(set(cells.joint.tolist()), reverse=True):
@@ -122,8 +123,8 @@ def plan(
     holding = Holding(chain, allowed, feasible)
     pool = feasible_pool(rows, best, holding)
     _, needed = holding.placed(saturated(rows, first, best, pool, holding, search))
-    more = _spare(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare)
-    both = _ordered(needed, holding.rest) + _ordered(more, holding.rest)
+    more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare)
+    both = ordered(needed, holding.rest) + ordered(more, holding.rest)
     return judged(rows, both.joint, both.q, np.arange(len(both)) >= d, allowed, best.log_det_bound)
 
 

@@ -1,0 +1,166 @@
+"""What is asked of symgen for one URDF, as plan.json remembers it, and the plan that answers it."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from symgen import alternatives, plan
+from symgen.chain import Chain
+from symgen.errors import PlanError, SymgenError
+from symgen.postures import Effort
+from symgen.robot import Robot, load_robot
+
+PLAN_FILE = "plan.json"
+
+
+@dataclass(frozen=True)
+class Request:
+    """The options of the command line that shape a plan, as they were written; what is None is as robot.toml says.
+
+    `at` "name=value,..", `grid` "15deg,5mm", `postures` a file (see `alternatives.given`).
+    """
+
+    base: str | None = None
+    tip: str | None = None
+    at: str | None = None
+    believe_zeros: bool | None = None
+    snap: bool = True
+    spare: int | None = None
+    refine: bool = False
+    feasible: bool = True
+    grid: str | None = None
+    triangular: bool = False
+    postures: str | None = None
+
+    @property
+    def effort(self) -> Effort:
+        return "full" if self.refine else "quick"
+
+    def document(self) -> dict[str, Any]:
+        """What differs from the default, for plan.json. A file of postures is not named: its cells are in plan.json itself."""
+        given = {name: value for name, value in asdict(self).items() if value != getattr(Request(), name)}
+        return given | ({"postures": PLAN_FILE} if "postures" in given else {})
+
+
+def recorded(directory: Path) -> Request:
+    """Returns the request that the plan.json in a directory written by symgen -o answers.
+
+    Raises PlanError naming the file, where there is none, or it is no plan.json.
+    """
+    path = directory / PLAN_FILE
+    try:
+        options = json.loads(path.read_text(encoding="utf-8")).get("options", {})
+        kinds = {field.name: str(field.type).split(" | ")[0] for field in fields(Request)}
+        wrong = [name for name, value in options.items() if kinds.get(name) != type(value).__name__]
+    except FileNotFoundError:
+        raise PlanError(f"{path}: no such file; expected a directory that symgen -o wrote") from None
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
+        raise PlanError(f"{path}: not a plan file: {type(error).__name__}; run symgen again") from None
+    if wrong:
+        raise PlanError(
+            f"{path}: options: {wrong[0]!r} = {options[wrong[0]]!r}; expected options of symgen; run it again"
+        )
+    return Request(**options | ({"postures": str(path)} if "postures" in options else {}))
+
+
+def urdf_of(directory: Path) -> Path:
+    """Returns robots/<name>/<name>.urdf for a directory generated/<name>. PlanError, asking for the URDF, if there is none."""
+    here = directory.resolve()
+    path = here.parent.parent / "robots" / here.name / f"{here.name}.urdf"
+    if not path.is_file():
+        raise PlanError(f"{directory}: no {path} to go with it; expected the URDF as an argument too")
+    return path
+
+
+def chain_for(urdf: Path, request: Request) -> tuple[Chain, Chain | None]:
+    """Returns the arm asked for, as snapped and (if that differs) as written. Raises UrdfError, RobotError, SymgenError."""
+    robot = _robot_of(urdf)
+    return plan.chain_of_file(
+        urdf,
+        snap=request.snap,
+        base=request.base or (robot.base if robot else None),
+        tip=request.tip or (robot.tip if robot else None),
+        at=_frozen_at(request.at) or (dict(robot.at) if robot else {}),
+    )
+
+
+def model_for(urdf: Path, request: Request) -> plan.Model:
+    """Returns the model of the arm asked for; errors as `chain_for`."""
+    return plan.make_model(chain_for(urdf, request)[0], believe_zeros=_believe_zeros(_robot_of(urdf), request))
+
+
+def plan_for(urdf: Path, request: Request) -> plan.Plan:
+    """Returns the plan that answers a request; what it says not, the robot.toml beside the URDF says.
+
+    Raises SymgenError (NoPlanError where there is no plan of the kind asked for) and OSError.
+    """
+    start = time.perf_counter()
+    if request.spare is not None and request.spare < 0:
+        raise SymgenError(f"--spare {request.spare}: expected 0 or more")
+    robot = _robot_of(urdf)
+    drives = robot.drives if robot else ()
+    chain, unsnapped = chain_for(urdf, request)
+    choose = _chooser(request, chain)
+    parsed = time.perf_counter() - start
+    result = plan.make_plan(
+        chain,
+        unsnapped=unsnapped,
+        believe_zeros=_believe_zeros(robot, request),
+        rotor=plan.reflected_inertia(chain, drives),
+        spare=request.spare,
+        effort=request.effort,
+        feasible=plan.feasible_postures(chain, urdf, drives, robot.gravity if robot else (0.0, 0.0, -9.81))
+        if request.feasible
+        else None,
+        choose=choose,
+    )
+    document: Mapping[str, Any] = {**result.document, "options": request.document()}
+    return replace(result, document=document, seconds={"parse": parsed, **result.seconds})
+
+
+def _chooser(request: Request, chain: Chain) -> alternatives.Chooser | None:
+    """What chooses the cells, where it is not `postures.plan`."""
+    kinds = [f"--{name}" for name in ("postures", "grid", "triangular") if getattr(request, name)]
+    if len(kinds) > 1:
+        raise SymgenError(f"{' and '.join(kinds)}: expected one of them at most")
+    if kinds and (request.refine and not request.grid or request.spare is not None and request.postures is not None):
+        raise SymgenError(
+            f"{kinds[0]}: expected without {'--refine' if request.refine else '--spare'}, which has no effect"
+        )
+    if request.postures is not None:
+        selection = alternatives.given(request.postures, chain)
+        return lambda rows, wider, feasible: selection
+    if request.grid is not None:
+        alternatives.grid_steps(request.grid, chain)  # a bad text is refused before the work
+        return partial(alternatives.gridded, grid=request.grid, spare=request.spare, effort=request.effort)
+    return partial(alternatives.triangular, spare=request.spare) if request.triangular else None
+
+
+def _believe_zeros(robot: Robot | None, request: Request) -> bool:
+    return bool(robot and robot.believe_zeros) if request.believe_zeros is None else request.believe_zeros
+
+
+def _robot_of(urdf: Path) -> Robot | None:
+    """The robot.toml beside a URDF, where there is one that speaks of it."""
+    beside = urdf.parent / "robot.toml"
+    robot = load_robot(beside) if beside.is_file() else None
+    return robot if robot is not None and robot.urdf.resolve() == urdf.resolve() else None
+
+
+def _frozen_at(text: str | None) -> dict[str, float]:
+    out = {}
+    for item in text.split(",") if text else ():
+        name, separator, value = item.rpartition("=")
+        try:
+            out[name.strip()] = float(value)
+        except ValueError:
+            separator = ""
+        if not separator or not name.strip():
+            raise SymgenError(f"--at {item!r}: expected NAME=VALUE with a number in rad or m")
+    return out
