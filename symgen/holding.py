@@ -48,26 +48,29 @@ class Holding:
         self._turning = np.array([joint.type == REVOLUTE for joint in chain.joints])
 
     def keeps(self, cells: Cells) -> NDArray[np.bool_]:
-        """Which cells [N] may be run as they are, rounded."""
-        return np.ones(len(cells), dtype=bool) if self.feasible is None else self.feasible(_round(cells.q))
+        """Which cells [N] may be run with the joints that do not matter where they are."""
+        return np.ones(len(cells), dtype=bool) if self.feasible is None else self.feasible(self._exact(cells.q))
 
     def placed(self, cells: Cells) -> tuple[NDArray[np.bool_], Cells]:
         """Which cells [N] may be run, and the cells as they are run: whole turns taken off, rounded, the joints that J_ii
         does not depend on (1..i) at rest, or elsewhere where only that is feasible."""
-        turned = cells.q - np.where(self._turning, 2 * np.pi * np.round(cells.q / (2 * np.pi)), 0.0)
-        low, high = self.allowed.T
-        q = _round(np.where((turned >= low) & (turned <= high), turned, cells.q))
         free = self._joints <= cells.joint[:, None]
-        q = np.where(free, self.rest, q)
+        q = np.where(free, self.rest, self._exact(cells.q))
         passed = np.ones(len(q), dtype=bool) if self.feasible is None else self.feasible(q)
         own = self._joints == cells.joint[:, None]
         for moving in (own, free):  # first the excited joint alone, then all that do not matter
-            for other in _round(spread(self.allowed, _OTHER_RESTS, 0.7)) if not passed.all() else ():
+            for other in self._exact(spread(self.allowed, _OTHER_RESTS, 0.7)) if not passed.all() else ():
                 left = np.flatnonzero(~passed)
                 moved = np.where(moving[left], other, q[left])
                 good = self.keeps(Cells(cells.joint[left], moved))
                 q[left[good]], passed[left[good]] = moved[good], True
         return passed, Cells(cells.joint, q)
+
+    def _exact(self, q: Array) -> Array:
+        """Postures [N, n] with whole turns taken off where the box allows it, rounded."""
+        turned = q - np.where(self._turning, 2 * np.pi * np.round(q / (2 * np.pi)), 0.0)
+        low, high = self.allowed.T
+        return _round(np.where((turned >= low) & (turned <= high), turned, q))
 
 
 def _round(q: Array) -> Array:

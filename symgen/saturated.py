@@ -38,7 +38,6 @@ _SHARPNESS = 8
 #: Merits of two designs closer than this: mirror images of each other, or the same.
 _SAME = 1e-6
 
-
 #: Feasible cells: how many times d take part, steps of one stretch, stretches for as many steps of a free search, the parts
 #: of the way tried, and the gain of merit below which it is over.
 _OPTIONS, _STRETCH, _STRETCHES, _PARTS, _STALLED = 8, 15, 2, (1.0, 0.7, 0.4, 0.2, 0.08, 0.03), 1e-3

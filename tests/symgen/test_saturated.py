@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from symgen.basis import factor
 from symgen.cells import Rows
 from symgen.errors import PlanError
-from symgen.holding import ROUNDING, Holding, box
+from symgen.holding import Holding, box
 from symgen.optimal import optimum
 from symgen.saturated import Merit, Search, candidates, feasible_pool, maxvol, saturated
 
@@ -110,7 +110,8 @@ def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
         for search in (Search(4, 6, 2, 0, 0), Search(4, 6, 2, 40, 200))
     )
     for cells in (short, long):
-        assert in_front(np.round(cells.q / ROUNDING) * ROUNDING).all()
+        passed, placed = holding.placed(cells)
+        assert passed.all() and in_front(placed.q).all()
     assert merit(rows.of_cells(long)) > merit(rows.of_cells(short)) + 0.1, "refined up to the walls"
     unbound = saturated(rows, first, best, pool, Holding(arm("ur5"), holding.allowed, None), Search(4, 6, 2, 40, 200))
     assert merit(rows.of_cells(unbound)) > merit(rows.of_cells(long)), "walls cost something"
