@@ -60,15 +60,37 @@ def twists(chain: Chain, q: Array) -> list[Array]:
     return out
 
 
-def gravity_forces(chain: Chain, q: Array, gravity: Array) -> Array:
-    """Returns the joint forces [m, n, N m or N] that hold the arm against `gravity` [3, m/s2, base frame] at q [m, n]."""
-    out = np.zeros((len(q), chain.n))
+def gravity_rows(chain: Chain, q: Array, gravity: Array) -> Array:
+    """Returns the rows with G(q) = rows . phi, phi all bodies' parameters: [m, n, 10 n] at q [m, n].
+
+    G are the joint forces [N m or N] that hold the arm against `gravity` [3, m/s2, base frame].
+    """
+    out = np.zeros((len(q), chain.n, 10 * chain.n))
     g = np.broadcast_to(np.asarray(gravity, dtype=float), (len(q), 3))
     for k, ((R, _), moving) in enumerate(zip(placements(chain, q), twists(chain, q), strict=True)):
         g = np.einsum("mba,mb->ma", R, g)
-        m, h = chain.parameters[10 * k], chain.parameters[10 * k + 1 : 10 * k + 4]
-        momentum = m * moving[..., 3:] + np.cross(moving[..., :3], h)
-        out[:, : k + 1] -= np.einsum("mja,ma->mj", momentum, g)
+        out[:, : k + 1, 10 * k] = -np.einsum("mja,ma->mj", moving[..., 3:], g)
+        out[:, : k + 1, 10 * k + 1 : 10 * k + 4] = -np.cross(g[:, None, :], moving[..., :3])  # -(omega x h) . g
+    return out
+
+
+def gravity_forces(chain: Chain, q: Array, gravity: Array) -> Array:
+    """Returns the joint forces [m, n, N m or N] that hold the arm against `gravity` [3, m/s2, base frame] at q [m, n]."""
+    forces: Array = gravity_rows(chain, q, gravity) @ chain.parameters
+    return forces
+
+
+def gravity_stiffness_rows(chain: Chain, q: Array, gravity: Array) -> Array:
+    """Returns the rows with dG_i/dq_k = rows[i, k] . phi: [m, n, n, 10 n] at q [m, n]; arguments as in `gravity_rows`.
+
+    Exact: G is of first degree in (cos, sin) of each angle and in each displacement, so that half the difference of
+    its values a quarter turn (or one metre) to either side is its derivative.
+    """
+    out = np.empty((len(q), chain.n, chain.n, 10 * chain.n))
+    for k, joint in enumerate(chain.joints):
+        away = np.zeros(chain.n)
+        away[k] = np.pi / 2 if joint.type == REVOLUTE else 1.0
+        out[:, :, k] = (gravity_rows(chain, q + away, gravity) - gravity_rows(chain, q - away, gravity)) / 2
     return out
 
 

@@ -89,6 +89,15 @@ class Model:
         """The declared robot's inertia matrix [.., n, n] at postures q [.., n]."""
         return kinematics.inertia_matrix(self.chain, q)
 
+    def gravity_stiffness_rows(self, q: Array, gravity: ArrayLike) -> Array:
+        """Rows over the bodies' parameters phi [10 n]: dG_i/dq_k = rows[.., i, k] . phi, [.., n, n, 10 n] at q [.., n].
+
+        `gravity` [3, m/s2] in the base frame. Columns of parameters believed to be zero are zero.
+        """
+        flat = np.asarray(q, dtype=float).reshape(-1, self.chain.n)
+        rows = kinematics.gravity_stiffness_rows(self.chain, flat, np.asarray(gravity, dtype=float))
+        return (rows * self.factoring.free).reshape(*np.shape(q)[:-1], *rows.shape[1:])
+
     def random_postures(self, count: int, rng: np.random.Generator) -> Array:
         """Postures [count, n], uniform within the joint limits."""
         low, high = self.chain.limits.T
