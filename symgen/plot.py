@@ -136,7 +136,7 @@ def _singular_values(axes: Axes, model: Model) -> None:
         low, high = float(np.log10(above[0])), float(np.log10(kept[-1]))
         text = f" rank {d}: {kept[-1]:.3g} counts, {above[0]:.0e} is rounding "
         axes.text(d + 0.5, (low + high) / 2, text, color=_SPARE, ha="right" if 2 * d > len(values) else "left")
-    ticks = np.arange(0, np.floor(np.log10(min(kept[-1], *above[:1]))) - 1, -3)
+    ticks = np.arange(0, np.floor(np.log10(min([kept[-1], *above[:1]]))) - 1, -3)
     axes.set_yticks(ticks, [f"1e{tick:.0f}" for tick in ticks])
     axes.set_xlim(0, len(values) + 1)
     axes.set_title("Singular values of the stacked coefficients of all J_ii, relative", loc="left")

@@ -125,7 +125,9 @@ def test_the_options_are_remembered_without_a_path(
         0,
         f"{tmp_path / 'out'}: 11 files, all as symgen writes them for {URDF}\n",
     )
-    assert not [p.name for p in (tmp_path / "out").iterdir() if str(tmp_path) in p.read_text() or str(URDF) in p.read_text()]
+    assert not [
+        p.name for p in (tmp_path / "out").iterdir() if str(tmp_path) in p.read_text() or str(URDF) in p.read_text()
+    ]
     if not short:  # other options on the command line are what is compared with
         assert checked(capsys, URDF, "--check", tmp_path / "out", "--spare", "2", "--no-feasible")[0] == 1
 
