@@ -18,6 +18,7 @@ from symgen.cells import Cells, Rows
 from symgen.chain import PRISMATIC, REVOLUTE, Chain
 from symgen.cli import main
 from symgen.errors import NoPlanError, PlanError
+from symgen.feasible import Feasible
 from symgen.judgement import infeasible, judged, undetermined
 from symgen.postures import Mask, plan
 from symgen.regressor import C_rows
@@ -40,7 +41,9 @@ def triangular_of(
     name: str, feasible: Mask | None = None, spare: int | None = 0
 ) -> tuple[Factoring, Cells, np.ndarray]:
     factoring = factoring_of(name, believe_zeros=True)
-    cells, extra = triangular(rows_of(factoring), factoring_of(name), feasible, spare=spare)
+    cells, extra = triangular(
+        rows_of(factoring), factoring_of(name) if name == "ypp3" else factoring, feasible, spare=spare
+    )
     return factoring, cells, extra
 
 
@@ -144,12 +147,12 @@ def test_all_joints_are_on_multiples_within_limits_and_nothing_stays_open(name: 
 
 
 def test_searching_on_the_grid_beats_rounding_to_it() -> None:
-    factoring = factor(own("arm6"))
-    rows, step = rows_of(factoring), np.deg2rad(30)
+    factoring = factor(own("ypp3_general"))
+    rows, step = rows_of(factoring), np.deg2rad(45)
     free = plan(factoring, factoring, spare=0)
     low, high = np.ceil(factoring.chain.limits[:, 0] / step), np.floor(factoring.chain.limits[:, 1] / step)
     rounded = Cells(free.joint, np.clip(np.round(free.q / step), low, high) * step)
-    cells, _ = gridded(rows, factoring, None, grid="30deg", spare=0)
+    cells, _ = gridded(rows, factoring, None, grid="45deg", spare=0)
     ours, theirs = (judged(rows, c, np.zeros(len(c), dtype=bool)) for c in (cells, rounded))
     assert ours.d_efficiency > theirs.d_efficiency and ours.amplification.max() < 1.3
 
@@ -321,6 +324,14 @@ def test_the_amplification_of_what_is_determined_is_that_of_linear_propagation()
 def test_own_postures_that_can_not_be_held_are_named() -> None:
     cells = cells_at([(0, 0, 0), (0, 160, 0), (1, 90, -150)])
     assert infeasible(own("ypp3"), cells, None) == {1: "joint2 beyond its limits", 2: "joint3 beyond its limits"}
+
+
+def test_why_a_posture_can_not_be_held_is_told() -> None:
+    """The stretched arm weighs 21 Nm on joint 2; pointing straight up it weighs nothing."""
+    weak = Feasible(own("ypp3"), YPP3, [np.inf, 5.0, np.inf], (0.0, 0.0, -9.81))
+    assert infeasible(own("ypp3"), cells_at([(1, 0, 0), (1, 90, 0)]), weak) == {0: "gravity beyond the motors"}
+    weak.touches = lambda q: np.ones(len(q), dtype=bool)  # type: ignore[assignment]
+    assert set(infeasible(own("ypp3"), cells_at([(1, 90, 0)]), weak).values()) == {"self-collision"}
 
 
 # The command ---------------------------------------------------------------------------------------------------------
