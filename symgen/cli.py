@@ -62,6 +62,11 @@ def _parser() -> argparse.ArgumentParser:
         action="store_false",
         help="plan postures whatever gravity asks of the motors or touches itself",
     )
+    parser.add_argument(
+        "--columns",
+        action="store_true",
+        help="also plan runs in which the held joints are read too: all of J(q) from few",
+    )
     parser.add_argument("--no-verify", action="store_true", help="do not compare J(q) with Pinocchio's")
     parser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
     return parser
@@ -221,6 +226,8 @@ def _print(document: dict[str, Any]) -> None:
         f"Plan: {plan['measurements']} measurements and {plan['spare']} spare ones, "
         f"D-efficiency at least {plan['d_efficiency_at_least']:.3f}"
     )
+    if columns := document.get("column_plan"):
+        print(f"Column plan: {columns['runs']} runs tell all of J(q), amplification {columns['amplification']:.3g}")
     if plan["open"]:
         print(
             f"The postures determine {plan['rank']} of {document['shared_rank']} constants; open: {', '.join(plan['open'])}"

@@ -17,6 +17,7 @@ from symgen.alternatives import Chooser
 from symgen.basis import Factoring, factor
 from symgen.cells import Cells, Rows
 from symgen.chain import PRISMATIC, Array, Chain
+from symgen.columns import plan_columns
 from symgen.errors import PlanError, RobotError
 from symgen.feasible import Feasible
 from symgen.formula import alpha_cad
@@ -179,12 +180,14 @@ def make_plan(
     effort: postures.Effort = "quick",
     feasible: Feasible | None = None,
     choose: Chooser | None = None,
+    columns: bool = False,
 ) -> Plan:
     """Returns the plan of an arm: ranks, constants, what the diagonals can not see, and the cells to measure.
 
     `unsnapped` is the same chain with the file's own angles, to state what snapping costs; `rotor` [n, kg m2] the
     reflected motor inertias N^2 J_m; `spare`, `effort` and `feasible` as in `postures.plan`, which chooses the cells
     unless `choose` does (see `alternatives`). Cells of `choose` may be too few, or infeasible: the document says so.
+    With `columns` it holds a second plan, whose runs tell a column of J(q) each (`columns.plan_columns`).
     """
     seconds = {}
     start = time.perf_counter()
@@ -208,7 +211,27 @@ def make_plan(
     ]
     document["plan"] |= {"rank": rank, "open": list(open_), "infeasible": refused}
     document["plan"]["feasible"] = feasible.notes if feasible is not None else None
+    if columns:
+        start = time.perf_counter()
+        document["column_plan"] = _column_plan(model, rotor, feasible)
+        seconds["column_plan"] = time.perf_counter() - start
     return Plan(model, cells, document, seconds)
+
+
+def _column_plan(model: Model, rotor: Array | None, feasible: Feasible | None) -> dict[str, Any]:
+    """The plan of column runs: how many, the worst amplification of a diagonal and of any entry of J(q), and the runs."""
+    design = plan_columns(model.factoring, rotor=rotor, feasible=feasible)
+    names = model.chain.names
+    return {
+        "runs": len(design.joint),
+        "amplification_diagonal": _digits(float(design.amplification.diagonal().max()), 4),
+        "amplification": _digits(float(design.amplification.max()), 4),
+        "error_model": "each J_ji read from a run that excites i with sigma_ij = sqrt(sigma_i sigma_j)",
+        "cells": [
+            {"joint": names[i], "q": [_digits(value, 12) for value in q]}
+            for i, q in zip(design.joint, design.q, strict=True)
+        ],
+    }
 
 
 def _document(

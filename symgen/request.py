@@ -37,6 +37,7 @@ class Request:
     grid: str | None = None
     triangular: bool = False
     postures: str | None = None
+    columns: bool = False
 
     @property
     def effort(self) -> Effort:
@@ -119,6 +120,7 @@ def plan_for(urdf: Path, request: Request) -> plan.Plan:
         if request.feasible
         else None,
         choose=choose,
+        columns=request.columns,
     )
     document: Mapping[str, Any] = {**result.document, "options": request.document()}
     return replace(result, document=document, seconds={"parse": parsed, **result.seconds})
