@@ -53,7 +53,11 @@ def _parser() -> argparse.ArgumentParser:
         sub.add_argument(
             "-o", dest="out", metavar="DIR", required=True, help="write result.json, report.html, J.casadi here"
         )
-        sub.add_argument("--method", default="two-mass", help="two-mass (default) or three-point (the paper's reading)")
+        sub.add_argument(
+            "--method",
+            default="two-mass",
+            help="two-mass (default), three-point (the paper's reading), or coupled (all records and motors in one fit)",
+        )
         sub.add_argument("--brief", action="store_true", help="print the first few notes only")
     fit.add_argument(
         "--believe-zeros", action=argparse.BooleanOptionalAction, default=None,
@@ -178,9 +182,9 @@ def _print(result: Identification, document: dict[str, Any], out: Path, brief: b
         values = (
             f"{measured.J:>11.5f}{measured.std:>9.2g}{measured.J_cad:>10.5f}{_percent(measured.J, measured.J_cad):>9}"
         )
-        fits = "" if measured.two_mass.explained else "  does not fit"
+        fits = "" if measured.explained else "  does not fit"
         entry = f"J_{measured.index + 1}{measured.index + 1}"
-        print(f"{measured.record.id:<7}{entry:<6}{posture}{values}{measured.two_mass.chi2_per_dof:>10.3g}{fits}")
+        print(f"{measured.record.id:<7}{entry:<6}{posture}{values}{measured.chi2_per_dof:>10.3g}{fits}")
     print()
     print(f"{'constant':<14}{'identified':>12}{'sigma':>12}{'CAD':>12}{'error %':>9}  unit")
     alpha = document["alpha"]

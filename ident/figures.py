@@ -50,9 +50,6 @@ def response(m: Measurement, campaign: Campaign) -> Response:
     """
     frf, fit, i = m.frf, m.two_mass, m.index
     f, G, p = frf.frequencies[frf.usable], frf.G[frf.usable], fit.parameters
-    near = 1.0 + np.linspace(-0.04, 0.04, 33)
-    fine = np.concatenate([np.geomspace(f[0], f[-1], 240), fit.f_AR * near, fit.f_R * near])
-    fine = np.unique(fine[(fine >= f[0]) & (fine <= f[-1])])
     declared = p.copy()
     for k, value in enumerate((campaign.J_m[i], campaign.K[i], m.J_cad)):
         if np.isfinite(value) and value > 0:
@@ -60,7 +57,14 @@ def response(m: Measurement, campaign: Campaign) -> Response:
     if not fit.explained:
         declared[5] = 0.0
     N, fs, hold = float(campaign.N[i]), campaign.fs, campaign.hold
-    at_lines, at_fine = predict(p, f, N, fs, hold), predict(p, fine, N, fs, hold)
+    at_lines = m.G_model[frf.usable]
+    if m.method == "coupled":  # known at the lines only
+        fine, at_fine = f, at_lines
+    else:
+        near = 1.0 + np.linspace(-0.04, 0.04, 33)
+        fine = np.concatenate([np.geomspace(f[0], f[-1], 240), fit.f_AR * near, fit.f_R * near])
+        fine = np.unique(fine[(fine >= f[0]) & (fine <= f[-1])])
+        at_fine = predict(p, fine, N, fs, hold)
     sigma = np.sqrt(frf.variance[frf.usable])
     s, fine_s = 2j * np.pi * f, 2j * np.pi * fine
     return Response(
@@ -77,16 +81,18 @@ def frf_figure(m: Measurement, campaign: Campaign) -> str:
         figure.subplots_adjust(left=0.115, right=0.985, top=0.885, bottom=0.09, hspace=0.15)
         _magnitude(size, r)
         size.set_ylabel("|velocity / torque| [rad/s per N m]")
-        for f in (fit.f_AR, fit.f_R):
+        for f in (fit.f_AR, fit.f_R) if m.method != "coupled" else ():
             if r.f[0] < f < r.f[-1]:
                 for axes in (size, phase, misfit):
                     axes.axvline(f, color=MUTED, linewidth=0.9, linestyle=(0, (1, 1.5)))
-        at = float(np.clip(np.sqrt(fit.f_AR * fit.f_R), r.f[0], r.f[-1]))
-        right = at**2 > r.f[0] * r.f[-1]
-        size.text(
-            min(1.25 * at, r.f[-1]) if right else max(0.8 * at, r.f[0]), 1.02, f"f_AR {fit.f_AR:.4g} Hz, f_R {fit.f_R:.4g} Hz", fontsize=8.5,
-            transform=size.get_xaxis_transform(), ha="right" if right else "left",
-        )  # fmt: skip
+        if m.method != "coupled":
+            at = float(np.clip(np.sqrt(fit.f_AR * fit.f_R), r.f[0], r.f[-1]))
+            right = at**2 > r.f[0] * r.f[-1]
+            size.text(
+                min(1.25 * at, r.f[-1]) if right else max(0.8 * at, r.f[0]), 1.02,
+                f"f_AR {fit.f_AR:.4g} Hz, f_R {fit.f_R:.4g} Hz", fontsize=8.5,
+                transform=size.get_xaxis_transform(), ha="right" if right else "left",
+            )  # fmt: skip
         dots(phase, r.f, np.degrees(np.angle(r.measured)), DATA, 3.4)
         phase.plot(r.fine, _angle(r.fitted), color=FIT, linewidth=1.2)
         phase.plot(r.fine, _angle(r.declared), color=CAD, linewidth=1.2, linestyle=(0, (4, 2)))
@@ -166,7 +172,7 @@ def summary_figure(identification: Identification) -> str:
                 axes.set_visible(False)
                 continue
             _magnitude(axes, response(records[k], identification.campaign))
-            i, chi2 = records[k].index, records[k].two_mass.chi2_per_dof
+            i, chi2 = records[k].index, records[k].chi2_per_dof
             axes.set_title(
                 f"{k + 1}: {entry(i, i, identification.campaign.n)}, χ²/dof {chi2:.3g}", fontsize=9, loc="left"
             )

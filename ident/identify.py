@@ -12,40 +12,55 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.campaign import Array, Campaign, Record
+from ident.coupled import DRIVES, CoupledFit, fit_coupled
 from ident.drive import SharedDrive, share
 from ident.errors import IdentError
-from ident.fit import ThreePoint, TwoMass, three_point, two_mass
-from ident.frf import Frf, estimate
+from ident.fit import ThreePoint, TwoMass, predict, three_point, two_mass
+from ident.frf import Complex, Frf, estimate
 from ident.physical import Consistency, consistency
-from ident.solve import Alpha, inertia_std, solve
+from ident.solve import Alpha, Combined, inertia_std, solve
 from symgen.plan import Model, model_of_urdf
 
-METHODS = ("two-mass", "three-point")
+METHODS = ("two-mass", "three-point", "coupled")
 
 #: Postures never measured, at which J(q) is compared with CAD.
 UNSEEN_POSTURES = 1000
 
+#: A constant with less than this part of it in the unseen directions counts as determined.
+_SEEN = 1e-4
+
 
 @dataclass(frozen=True)
 class Measurement:
-    """One record and what was read from it: `J` [kg m2] with `std` is the J_ii(q) that goes into alpha; `J_cad` declared."""
+    """One record and what was read from it: `J` [kg m2] with `std` is the J_ii(q) found at its posture; `J_cad` declared.
+
+    `G_model` [L] is the response theta / tau of the excited joint by the method's model (by two masses for "three-point",
+    which has none for all lines); `explained` when the misfit `chi2_per_dof` stays below `chi2_limit`. With "coupled" all
+    records stand or fall together, and chi2_per_dof is that of the excited joint alone.
+    """
 
     record: Record
     index: int
+    method: str
     frf: Frf
     three_point: ThreePoint
     two_mass: TwoMass
     J: float
     std: float
     J_cad: float
+    G_model: Complex
+    chi2_per_dof: float
+    chi2_limit: float
+    explained: bool
 
 
 @dataclass(frozen=True)
 class Identification:
-    """The identified arm. `alpha` covers the constants J_ii shows; `alpha_all` [D] adds CAD's for those only off-diagonals show.
+    """The identified arm. `alpha` covers the d constants J_ii shows; `alpha_all` [D] all, CAD's where nothing was measured.
 
-    `chi2_per_dof` over all records' fits; `explained` when every record is explained and all J_ii agree with one alpha.
-    `notes` are one-line findings for a person; `seconds` where the time went.
+    `covariance` [D, D] of alpha_all and `unseen` [D, k], the orthonormal directions that no record saw. `chi2_per_dof` over
+    all records' fits; `explained` when every record is explained and all J_ii agree with one alpha. `coupled` is the fit
+    behind the method of that name. `notes` are one-line findings for a person; `seconds` where the time went.
     """
 
     campaign: Campaign
@@ -55,6 +70,9 @@ class Identification:
     drives: tuple[SharedDrive, ...]
     alpha: Alpha
     alpha_all: Array
+    covariance: Array
+    unseen: Array
+    coupled: CoupledFit | None
     consistency: Consistency
     chi2_per_dof: float
     explained: bool
@@ -67,10 +85,13 @@ class Identification:
 
     def J_std(self, q: Array) -> Array:
         """Its standard deviation [.., n, n]; infinite where an entry needs a constant that was not measured."""
-        rows, d = self.model.J_rows(q), self.model.d
-        std = inertia_std(rows[..., :d], self.alpha.covariance, self.alpha.unseen)
-        blind = np.abs(rows[..., d:]).max(axis=-1, initial=0.0) > 1e-9 * np.abs(rows).max(axis=-1, initial=1e-300)
-        return np.where(blind, np.inf, std)
+        return inertia_std(self.model.J_rows(q), self.covariance, self.unseen)
+
+    @property
+    def alpha_std(self) -> Array:
+        """Standard deviations of alpha_all [D]; infinite where it was not measured."""
+        seen = np.linalg.norm(self.unseen, axis=1) < _SEEN
+        return np.where(seen, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), np.inf)
 
 
 def identify(
@@ -82,7 +103,8 @@ def identify(
 ) -> Identification:
     """Returns everything the campaign tells about the arm; sections II-A and III-C of the paper, put right.
 
-    `method` "two-mass" (weighted least squares on all lines) or "three-point" (the paper's reading, to compare);
+    `method` "two-mass" (weighted least squares on all lines, each record on its own), "three-point" (the paper's reading,
+    to compare) or "coupled" (all records and all motors in one fit: right where the locks are not rigid);
     `believe_zeros` None believes the URDF's exact zeros only where the records do not determine the arm without.
     Raises IdentError for a campaign without records or an unknown method, SymgenError for a URDF that does not fit.
     """
@@ -92,7 +114,7 @@ def identify(
         raise IdentError("the campaign holds no records")
     clock = time.perf_counter
     start = clock()
-    model, notes = _model(campaign, believe_zeros)
+    model, notes = _model(campaign, believe_zeros, method)
     seconds = {"model": clock() - start}
 
     start = clock()
@@ -106,28 +128,34 @@ def identify(
     start = clock()
     three = [three_point(frf, campaign.N[frf.index]) for frf in responses]
     two = [two_mass(frf, campaign.N[frf.index], campaign.fs, campaign.hold) for frf in responses]
-    drives = _drives(campaign, two)
+    q = np.array([record.posture for record in campaign.records])
+    index = np.array([frf.index for frf in responses])
+    cells = np.arange(len(q))
+    coupled = fit_coupled(campaign, model, responses) if method == "coupled" else None
     seconds["fit"] = clock() - start
 
     start = clock()
-    J, covariance = _inertias(campaign, method, three, two, drives)
-    q = np.array([record.posture for record in campaign.records])
-    index = np.array([frf.index for frf in responses])
-    rows = model.C_rows(q)[np.arange(len(q)), index]
-    alpha = solve(rows, J, covariance, index, np.array(model.alpha_joint[: model.d]))
-    cad = model.alpha_cad[: model.d]
-    # along what the records do not see, CAD: measured combinations hold even where no single constant is determined
-    identified = alpha.value + alpha.unseen @ (alpha.unseen.T @ (cad - alpha.value))
-    alpha_all = np.concatenate([identified, model.alpha_cad[model.d :]])
+    if coupled is not None:
+        rows = model.J_rows(q)[cells, index, index]
+        alpha = _alpha_of(coupled, model.d, len(q))
+        alpha_all, covariance, unseen = coupled.alpha, coupled.covariance, coupled.unseen
+        drives = _coupled_drives(campaign, coupled)
+        J, std = rows @ alpha_all, inertia_std(rows, covariance, unseen)
+    else:
+        drives = _drives(campaign, two)
+        J, spread = _inertias(campaign, method, three, two, drives)
+        alpha = solve(model.C_rows(q)[cells, index], J, spread, index, np.array(model.alpha_joint[: model.d]))
+        alpha_all, covariance, unseen = _with_cad(model, alpha)
+        std = np.sqrt(np.diag(spread))
     physical = _possible_links(model, alpha)
     seconds["solve"] = clock() - start
 
-    J_cad = model.J_cad(q)[np.arange(len(q)), index, index]
-    std = np.sqrt(np.diag(covariance))
+    J_cad = model.J_cad(q)[cells, index, index]
     measurements = tuple(
-        Measurement(record, frf.index, frf, a, b, float(J[k]), float(std[k]), float(J_cad[k]))
-        for k, (record, frf, a, b) in enumerate(zip(campaign.records, responses, three, two, strict=True))
+        _measurement(campaign, k, method, responses[k], three[k], two[k], coupled, (J[k], std[k], J_cad[k]))
+        for k in range(len(q))
     )
+    fitted = all(drive.agrees for drive in drives) and alpha.agrees
     return Identification(
         campaign=campaign,
         model=model,
@@ -136,33 +164,104 @@ def identify(
         drives=drives,
         alpha=alpha,
         alpha_all=alpha_all,
+        covariance=covariance,
+        unseen=unseen,
+        coupled=coupled,
         consistency=physical,
-        chi2_per_dof=float(sum(fit.chi2_per_dof * fit.dof for fit in two) / sum(fit.dof for fit in two)),
-        explained=all(fit.explained for fit in two) and all(drive.agrees for drive in drives) and alpha.agrees,
-        notes=(*notes, *_notes(model, responses, two, drives, alpha, physical)),
+        chi2_per_dof=coupled.chi2_per_dof
+        if coupled
+        else float(sum(fit.chi2_per_dof * fit.dof for fit in two) / sum(fit.dof for fit in two)),
+        explained=all(measured.explained for measured in measurements) and fitted,
+        notes=(*notes, *_notes(model, responses, two, drives, alpha, physical, coupled)),
         seconds=seconds,
     )
 
 
-def _model(campaign: Campaign, believe_zeros: bool | None) -> tuple[Model, tuple[str, ...]]:
+def _measurement(
+    campaign: Campaign,
+    k: int,
+    method: str,
+    frf: Frf,
+    three: ThreePoint,
+    two: TwoMass,
+    coupled: CoupledFit | None,
+    found: tuple[float, float, float],
+) -> Measurement:
+    """Record k with its model's response and misfit; `found` is J, its standard deviation, and CAD's J."""
+    if coupled is None:
+        G = predict(two.parameters, frf.frequencies, float(campaign.N[frf.index]), campaign.fs, campaign.hold)
+        misfit = (two.chi2_per_dof, two.chi2_limit, two.explained)
+    else:
+        G = coupled.predict(k)[:, frf.index] / frf.tau[:, frf.index]
+        off = np.abs(frf.G - G)[frf.usable] ** 2 / frf.variance[frf.usable]
+        misfit = (float(off.mean()), coupled.chi2_limit, coupled.explained)
+    J, std, J_cad = map(float, found)
+    return Measurement(campaign.records[k], frf.index, method, frf, three, two, J, std, J_cad, G, *misfit)
+
+
+def _with_cad(model: Model, alpha: Alpha) -> tuple[Array, Array, Array]:
+    """All constants [D], their covariance and the unseen directions [D, k]: CAD along what the records do not see.
+
+    Measured combinations hold even where no single constant of them is determined.
+    """
+    d, D = model.d, len(model.alpha_cad)
+    cad = model.alpha_cad
+    identified = alpha.value + alpha.unseen @ (alpha.unseen.T @ (cad[:d] - alpha.value))
+    covariance, unseen = np.zeros((D, D)), np.zeros((D, alpha.unseen.shape[1] + D - d))
+    covariance[:d, :d] = alpha.covariance
+    unseen[:d, : alpha.unseen.shape[1]] = alpha.unseen
+    unseen[d:, alpha.unseen.shape[1] :] = np.eye(D - d)
+    return np.concatenate([identified, cad[d:]]), covariance, unseen
+
+
+def _alpha_of(coupled: CoupledFit, d: int, M: int) -> Alpha:
+    """The constants the diagonal shows, as `solve` would return them; a coupled fit leaves no residual of J_ii."""
+    none = np.zeros(M)
+    seen = np.linalg.norm(coupled.unseen[:d], axis=1) < _SEEN
+    return Alpha(
+        coupled.alpha[:d], coupled.covariance[:d, :d], seen, coupled.unseen[:d], (), none, none, none, none, 0.0, 0, True, ()
+    )  # fmt: skip
+
+
+def _coupled_drives(campaign: Campaign, coupled: CoupledFit) -> tuple[SharedDrive, ...]:
+    """One a joint: a coupled fit has one K, J_m and D for all records."""
+
+    def one(name: str, i: int) -> Combined:
+        return Combined(
+            float(getattr(coupled, name)[i]), float(coupled.drive_std[DRIVES.index(name), i]), 0.0, 0, True, 0.0
+        )
+
+    empty = np.zeros(0)
+    return tuple(
+        SharedDrive(joint, one("K", i), one("J_m", i), one("D", i), empty, np.zeros((0, 0)), 0.0, 0, True)
+        for i, joint in enumerate(campaign.joints)
+    )
+
+
+def _model(campaign: Campaign, believe_zeros: bool | None, method: str) -> tuple[Model, tuple[str, ...]]:
     """The model whose constants the records determine, and a note where that took believing zeros nobody declared."""
     model = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=bool(believe_zeros))
-    if believe_zeros is not None:
-        return model, ()
-    q = np.array([record.posture for record in campaign.records])
-    index = [campaign.joints.index(record.excited) for record in campaign.records]
-    cells = np.arange(len(q))
-    if np.linalg.matrix_rank(model.C_rows(q)[cells, index]) == model.d:
+    if believe_zeros is not None or _determined(campaign, model, method):
         return model, ()
     symmetric = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=True)
-    if np.linalg.matrix_rank(symmetric.C_rows(q)[cells, index]) < symmetric.d:
+    if not _determined(campaign, symmetric, method):
         return model, ()
     believed = len(symmetric.factoring.believed)
     note = (
-        f"The records do not determine all {model.d} constants of general links: the {believed} inertial parameters that "
-        "are exactly zero in the URDF are believed to be zero."
+        f"The records do not determine all constants of general links: the {believed} inertial parameters that are exactly "
+        "zero in the URDF are believed to be zero."
     )
     return symmetric, (note,)
+
+
+def _determined(campaign: Campaign, model: Model, method: str) -> bool:
+    """Whether the records show every constant: one J_ii each, or with "coupled" the whole matrix at their postures."""
+    q = np.array([record.posture for record in campaign.records])
+    if method == "coupled":
+        rows = model.J_rows(q)
+        return bool(np.linalg.matrix_rank(rows.reshape(-1, rows.shape[-1])) == rows.shape[-1])
+    index = [campaign.joints.index(record.excited) for record in campaign.records]
+    return bool(np.linalg.matrix_rank(model.C_rows(q)[np.arange(len(q)), index]) == model.d)
 
 
 def _drives(campaign: Campaign, fits: list[TwoMass]) -> tuple[SharedDrive, ...]:
@@ -211,9 +310,10 @@ def _notes(
     drives: tuple[SharedDrive, ...],
     alpha: Alpha,
     physical: Consistency,
+    coupled: CoupledFit | None,
 ) -> list[str]:
     notes = [line for frf in responses for line in frf.status]
-    notes += [line for fit in fits for line in fit.status]
+    notes += [line for fit in fits for line in fit.status] if coupled is None else coupled.status
     for drive in drives:
         if not drive.agrees:
             notes.append(

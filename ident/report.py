@@ -31,8 +31,6 @@ def result_document(identification: Identification) -> dict[str, Any]:
     Units kg m2 (kg for a sliding joint), N m/rad, N m s/rad, Hz; K joint side, J_m and D motor side.
     """
     r = identification
-    d = r.model.d
-    std = np.concatenate([r.alpha.std, np.full(len(r.alpha_all) - d, np.inf)])
     drives = {drive.joint: drive for drive in r.drives}
 
     def shared(name: str) -> dict[str, list[float | None]]:
@@ -46,7 +44,7 @@ def result_document(identification: Identification) -> dict[str, Any]:
         "alpha": {
             "names": r.model.names,
             "value": r.alpha_all,
-            "std": std,
+            "std": r.alpha_std,
             "unit": r.model.units,
             "cad": r.model.alpha_cad,
         },
@@ -112,7 +110,7 @@ def html(identification: Identification) -> str:
         sweeps=sweeps,
         facts=_facts(r, document),
         serious=any(problem["serious"] for problem in document["problems"]),
-        suspects=list(dict.fromkeys(row["name"] for row in rows if not row["m"].two_mass.explained)),
+        suspects=list(dict.fromkeys(row["name"] for row in rows if not row["m"].explained)),
         bands=tuple(verdict.BANDS),
         entry_name=lambda i, j: verdict.entry(i, j, n),
         limit=figures.RESIDUAL_LIMIT,
@@ -167,8 +165,8 @@ def _record(m: Measurement) -> dict[str, Any]:
         "two_mass": {name: getattr(fit, name) for name in PARAMETERS}
         | {"std": dict(zip(PARAMETERS, fit.std_inflated, strict=True)), "dof": fit.dof, "chi2_limit": fit.chi2_limit},
         "three_point": {name: getattr(three, name) for name in ("f_AR", "f_R", "J_m", "K", "J_l", "status")},
-        "chi2_per_dof": fit.chi2_per_dof,
-        "explained": fit.explained,
+        "chi2_per_dof": m.chi2_per_dof,
+        "explained": m.explained,
         "f_AR": fit.f_AR,
         "f_R": fit.f_R,
         "inertia_ratio": fit.inertia_ratio,
@@ -207,9 +205,9 @@ def _inertia_vs_cad(r: Identification) -> dict[str, Any]:
 
 def _facts(r: Identification, document: dict[str, Any]) -> list[dict[str, Any]]:
     """The result at a glance: label, value, note, and whether that is good (None: neither)."""
-    fits = [m.two_mass for m in r.measurements]
-    explained, d = sum(fit.explained for fit in fits), r.model.d
-    worst = max(fits, key=lambda fit: fit.chi2_per_dof / fit.chi2_limit)
+    fits = r.measurements
+    explained, d = sum(m.explained for m in fits), r.model.d
+    worst = max(fits, key=lambda m: m.chi2_per_dof / m.chi2_limit)
     known = r.alpha.determined & (r.alpha.value != 0.0)
     uncertain = float(np.max(r.alpha.std[known] / np.abs(r.alpha.value[known]), initial=0.0))
     checks = [abs(check["sigmas"]) for check in document["validation"].values()]

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 from ident.campaign import Array
+from ident.coupled import CoupledFit
 from ident.drive import SharedDrive
-from ident.fit import UNTOLD, predict
+from ident.fit import UNTOLD
 from ident.identify import Identification, Measurement
 from ident.physical import Consistency
 
@@ -53,9 +54,11 @@ def problems(identification: Identification) -> tuple[Problem, ...]:
     found = []
     for joint in dict.fromkeys(m.record.excited for m in r.measurements):
         own = [m for m in r.measurements if m.record.excited == joint]
-        if not all(m.two_mass.explained for m in own):
+        if r.coupled is None and not all(m.explained for m in own):
             found.append(_unexplained(r, joint, own))
-    poor = {m.record.excited for m in r.measurements if not m.two_mass.explained}
+    if r.coupled is not None and not r.coupled.explained:
+        found.append(_coupled_unexplained(r.coupled))
+    poor = {m.record.excited for m in r.measurements if not m.explained}
     found += [_different_drives(drive) for drive in r.drives if not drive.agrees and drive.joint not in poor]
     if not r.alpha.agrees:
         found.append(_contradiction(r, bool(poor)))
@@ -67,6 +70,17 @@ def problems(identification: Identification) -> tuple[Problem, ...]:
         why = "; ".join(doubts[:LISTED]) + more + "."
         found.append(Problem(False, "Some records are doubtful", why, "Record these again."))
     return tuple(sorted(found, key=lambda problem: not problem.serious))
+
+
+def _coupled_unexplained(fit: CoupledFit) -> Problem:
+    return Problem(
+        True,
+        "The arm as modelled does not explain the records",
+        f"χ²/dof over all records and motors is {number(fit.chi2_per_dof)}, noise allows {number(fit.chi2_limit)}. "
+        + " ".join(fit.status),
+        "Something is missing that rigid links, joint springs, viscous damping and gravity do not hold: friction, backlash, a "
+        "soft base, a delay. The residual below the plots shows where in frequency.",
+    )
 
 
 def _different_drives(drive: SharedDrive) -> Problem:
@@ -113,7 +127,7 @@ def _impossible_bodies(found: Consistency, follows: bool) -> Problem:
 
 def _unexplained(r: Identification, joint: str, own: list[Measurement]) -> Problem:
     """Two masses do not explain records of `joint`: by how much, and what the declared arm and the data say of why."""
-    poor = [m for m in own if not m.two_mass.explained]
+    poor = [m for m in own if not m.explained]
     worst = max(poor, key=lambda m: m.two_mass.chi2_per_dof)
     fit, name = worst.two_mass, entry(worst.index, worst.index, r.campaign.n)
     miss, where = misfit(worst, r)
@@ -150,8 +164,8 @@ def _and(values: Array) -> str:
 
 def misfit(m: Measurement, identification: Identification) -> tuple[float, float]:
     """Returns the largest |G - fit| / |G| over the lines that stand out of the noise, and its frequency [Hz]."""
-    c, frf = identification.campaign, m.frf
-    off = np.abs(frf.G - predict(m.two_mass.parameters, frf.frequencies, float(c.N[m.index]), c.fs, c.hold))
+    frf = m.frf
+    off = np.abs(frf.G - m.G_model)
     clear = frf.usable & (np.abs(frf.G) > CLEAR * np.sqrt(frf.variance))
     relative = np.where(clear, off / np.abs(frf.G), 0.0)
     return float(relative.max()), float(frf.frequencies[np.argmax(relative)])
@@ -222,7 +236,8 @@ def not_identifiable(identification: Identification) -> list[dict[str, str]]:
         found.append({"what": what, "why": why, "remedy": remedy})
 
     names = r.model.names
-    open_names = [name for name, known in zip(names, r.alpha.determined, strict=False) if not known]
+    shown = r.alpha_std[: r.model.d] if r.coupled is None else r.alpha_std
+    open_names = [name for name, std in zip(names, shown, strict=False) if not np.isfinite(std)]
     if open_names:
         add(
             ", ".join(open_names),
@@ -245,7 +260,7 @@ def not_identifiable(identification: Identification) -> list[dict[str, str]]:
                 remedy = "excite more, record more periods or a wider band"
                 add(f"{name} of {drive.joint}", _told(value.value, value.std), remedy)
     groups: dict[tuple[int, int], list[str]] = {}
-    for alpha in r.model.factoring.alphas[r.model.d :]:
+    for alpha in r.model.factoring.alphas[r.model.d :] if r.coupled is None else ():
         groups.setdefault((alpha.i, alpha.j), []).append(alpha.name)
     for (i, j), members in groups.items():
         add(
@@ -262,6 +277,8 @@ def _told(value: float, std: float) -> str:
 
 def _band(m: Measurement) -> tuple[str, str, str]:
     """Which of f_AR and f_R lies outside the band, by how much, and what helps; empty when both are inside."""
+    if m.method == "coupled":
+        return "", "", ""
     low, high = m.frf.frequencies[0], m.frf.frequencies[-1]
     for name, f in (("f_AR", m.two_mass.f_AR), ("f_R", m.two_mass.f_R)):
         if f < low:

@@ -56,10 +56,10 @@ def test_few_records_keep_what_they_measured_and_cad_for_the_rest(campaign: Camp
 
 
 def test_the_methods_are_named_and_a_campaign_needs_records(campaign: Campaign) -> None:
-    with pytest.raises(IdentError, match="two-mass, three-point"):
+    with pytest.raises(IdentError, match="two-mass, three-point, coupled"):
         identify(campaign, method="guess")
     with pytest.raises(IdentError, match="no records"):
         identify(some(campaign))
     paper = identify(campaign, method="three-point")
     assert [m.J for m in paper.measurements] == [m.three_point.J_l for m in paper.measurements]
-    assert module.METHODS == ("two-mass", "three-point")
+    assert module.METHODS == ("two-mass", "three-point", "coupled")

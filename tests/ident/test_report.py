@@ -124,7 +124,11 @@ def test_what_was_not_measured_is_null_and_named(good):
     known = np.array([True] * 5 + [False])
     unseen = np.eye(6)[:, 5:]
     partial = replace(
-        good, alpha=replace(good.alpha, determined=known, unseen=unseen), drives=good.drives[1:], explained=True
+        good,
+        alpha=replace(good.alpha, determined=known, unseen=unseen),
+        unseen=unseen,
+        drives=good.drives[1:],
+        explained=True,
     )
     document = report.result_document(partial)
     assert document["alpha"]["std"][5] is None and None not in document["alpha"]["std"][:5]
