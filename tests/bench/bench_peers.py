@@ -115,7 +115,7 @@ def bench(arm: Arm, directory: Path, peers: dict[str, Any], crba: Path | Skipped
     own = stages(arm)
     factoring, rows = symgen(arm, directory, own["seconds"])
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for of_peer in pool.map(lambda item: peer(*item, directory, arm.model.nv), peers.items()):
+        for of_peer in pool.map(lambda item: peer(item[0], item[1], directory, arm.model.nv), peers.items()):
             rows += of_peer
     rows.append(pinocchio_cpp(arm, directory, crba))
     floor = build.compile_c(HERE / "peers/floor.c", directory / f"floor_{arm.name}.so", f"-DN={arm.model.nv}")
@@ -205,22 +205,22 @@ def judge(rows: list[Row], arm: Arm, q: np.ndarray, factoring: Factoring) -> Non
     snapped = inertia_of(model_of(factoring.chain), q) if factoring.chain.snapped else None
     for row in rows:
         if row.program is not None and row.result:
-            found = result_of(row, q, factoring)
+            found = result_of(row.program, row.result, q, factoring)
             row.error = error(found, inertia_of(arm.model, q))
             if row.tool == "symgen" and snapped is not None:
                 row.error_snapped = error(found, snapped)
 
 
-def result_of(row: Row, q: np.ndarray, factoring: Factoring) -> np.ndarray:
+def result_of(program: Program, result: str, q: np.ndarray, factoring: Factoring) -> np.ndarray:
     """J(q) [count, n, n] as far as a program gives it: of the others only the diagonal, all else not a number."""
     n = q.shape[1]
-    found = row.program(q)
-    if row.result == "C_rows":
+    found = program(q)
+    if result == "C_rows":
         found = found.reshape(-1, n, factoring.d) @ factoring.alpha_cad[: factoring.d]
-    if row.result != "J":
+    if result != "J":
         return np.where(np.eye(n), found[:, :, None], np.nan)
     J = found.reshape(-1, n, n)
-    return np.where(np.triu(np.ones((n, n))), J.transpose(0, 2, 1), np.nan) if row.program.upper else J
+    return np.where(np.triu(np.ones((n, n))), J.transpose(0, 2, 1), np.nan) if program.upper else J
 
 
 def error(found: np.ndarray, truth: np.ndarray) -> float:

@@ -123,10 +123,13 @@ class Program:
     alpha: np.ndarray | None = None
     upper: bool = False
     times: list[float] = field(default_factory=list)
+    _out: np.ndarray | None = None  # one memory for all turns: new pages cost more than a call
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Results [count, size] at postures q [count, n]; the time is kept."""
-        out = np.zeros((len(q), self.size))
+        """Results [count, size] at postures q [count, n], overwritten by the next call; the time is kept."""
+        if self._out is None or len(self._out) != len(q):
+            self._out = np.zeros((len(q), self.size))
+        out = self._out
         alpha = None if self.alpha is None else pointer(self.alpha)
         function = getattr(self.library, self.entry)
         start = time.perf_counter_ns()

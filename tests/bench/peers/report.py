@@ -117,7 +117,7 @@ def _table(table: Table) -> Iterator[str]:
     yield "|---|---|---|---|---|---|---|---|"
     for row in table.rows:
         if row.program is None:
-            yield f"| {row.tool} | {row.result} | {row.reason} | | | | | |"
+            yield f"| {row.tool} | {_SHOWN[row.result]} | {row.reason} | | | | | |"
             continue
         snapped = "" if row.error_snapped is None else f" ({row.error_snapped:.0e} as snapped)"
         numbers = [

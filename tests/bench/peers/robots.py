@@ -70,7 +70,8 @@ def inertia_of(model: pin.Model, q: np.ndarray) -> np.ndarray:
     """Pinocchio's J(q) [count, n, n, kg m2] at postures q [count, n]."""
     data = model.createData()
     upper = np.array([np.triu(pin.crba(model, data, posture)) for posture in q])
-    return upper + np.triu(upper, 1).transpose(0, 2, 1)
+    J: np.ndarray = upper + np.triu(upper, 1).transpose(0, 2, 1)
+    return J
 
 
 def model_of(chain: Chain) -> pin.Model:
