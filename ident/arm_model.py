@@ -40,8 +40,8 @@ class Parameters:
     @staticmethod
     def of(vector: Array, n: int, D: int) -> Parameters:
         """The inverse of `vector` for n joints and D constants alpha."""
-        drives = np.exp(vector[: 4 * n]).reshape(4, n)
-        return Parameters(*drives, vector[4 * n : 4 * n + D], vector[4 * n + D :])
+        K, J_m, D_motor, D_spring = np.exp(vector[: 4 * n]).reshape(4, n)
+        return Parameters(K, J_m, D_motor, D_spring, vector[4 * n : 4 * n + D], vector[4 * n + D :])
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def _motion(arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, deriv
     nodes, interpolation = _nodes(sampling, _highest_mode(arm, p))
     m = len(arm.live)
     at = (2j * np.pi * nodes[:, None] + shift).ravel()
-    unit = np.broadcast_to(np.eye(m) / at[:, None, None], (len(at), m, m))
+    unit = np.asarray(np.eye(m) / at[:, None, None], dtype=complex)
     H, dH = _continuous(arm, p, at, unit, derive)
     scaled = tau * rise[:, None, None]
     H = interpolation @ H.reshape(len(nodes), -1, m * m).sum(axis=1)
@@ -144,7 +144,7 @@ def _continuous(arm: Posture, p: Parameters, s: Complex, tau: Complex, derive: b
     x = (core / N[:, None]) @ (N[:, None] * tau)
     theta: Complex = N[:, None] * x
     if not derive:
-        return theta, np.zeros((len(s), m, 0))
+        return theta, np.zeros((len(s), m, 0), dtype=complex)
     q = carried @ x
     across = core @ np.swapaxes(carried, 1, 2)  # angle of the motors per force on the links
     J_rows, K_rows = (np.moveaxis(rows, 1, 0).reshape(m, -1) for rows in (arm.J_rows, arm.K_rows))

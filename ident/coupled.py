@@ -30,7 +30,11 @@ DRIVES = ("K", "J_m", "D", "D_spring")
 PLAIN_DRIVE = (5e3, 3e-5)
 #: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
 SMALL_STEP = 0.01
-OUTER, INNER, TRIALS = 12, 30, 8
+OUTER, INNER, TRIALS = 6, 30, 8
+#: Relative errors the model is granted on the way from its start, so that no few clear lines pull it into a corner.
+DOUBTS = (1.0, 0.1)
+#: Progress below this share of chi^2 ends the way there.
+ROUGHLY = 0.01
 #: The model is computed to about this accuracy of an angle: no noise is taken to be smaller.
 MODEL_ACCURACY = 1e-8
 #: A direction of the parameters with less information than this was not seen: its deviation is over ten times its size.
@@ -38,7 +42,7 @@ UNSEEN_INFORMATION = 1e-2
 #: Relative rounding error of an information matrix.
 INFORMATION_ROUNDING = 1e-13
 #: Factors on all K from which a fit is tried again that does not explain its data.
-SCALES = (1.0, 0.6, 1.6, 0.35, 2.8)
+SCALES = (0.6, 1.6, 0.35, 2.8)
 #: Two starts that end at chi^2 as close as this found the same minimum.
 SAME_MINIMUM = 1e-3
 #: Lines over which the first guess of the noise power is smoothed, and the passes that replace it by its model.
@@ -119,13 +123,11 @@ class _Minimum:
     converged: bool
 
 
-def fit_coupled(
-    campaign: Campaign, model: Model, responses: Sequence[Frf], start: Start | None = None
-) -> CoupledFit:
+def fit_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], start: Start | None = None) -> CoupledFit:
     """Returns the arm that explains all `responses` of `campaign` best; `responses` [records] in their order.
 
     Starts from `start`, else from the datasheet (two-mass fits where it is silent), CAD and a damping of 1 %; if that
-    does not explain the data, from other stiffnesses too. Joints that neither moved nor were driven in a record are
+    does not explain the data, from the drives of two-mass fits and from other stiffnesses too. Joints that neither moved nor were driven in a record are
     taken as clamped there. Raises IdentError for no records and for a record without usable lines.
     """
     if not responses:
@@ -133,11 +135,10 @@ def fit_coupled(
     basis = gravity_basis(model, campaign.gravity)
     data = tuple(_data(campaign, model, basis, frf) for frf in responses)
     best, before = None, np.inf
-    starts = iter([start]) if start is not None else _starts(campaign, model, responses, basis)
     lines = sum(one.theta.size for one in data)
-    for guess in starts:
+    for guess, doubts in _starts(campaign, model, responses, basis, start):
         problem = _Problem(data, campaign.n, len(model.names), _scale(guess))
-        found = _minimise(problem, guess.vector())
+        found = _minimise(problem, guess.vector(), doubts)
         dof = 2 * lines - _seen(problem, found.information)
         limit = _limit(data, dof)
         again = abs(found.chi2 - before) < SAME_MINIMUM * found.chi2
@@ -178,7 +179,9 @@ def _live(frf: Frf) -> NDArray[np.int64]:
     """Returns the joints that take part: all but those whose torque is constant and whose angle shows a flicker at most."""
     n = frf.n
     power = np.mean(np.abs(np.hstack([frf.tau, frf.theta])) ** 2, axis=0) + np.mean(np.abs(frf.noise) ** 2, axis=(0, 1))
-    still = np.concatenate([np.zeros(n), 16.0 * frf.floor]) + ROUNDING**2 * np.repeat(power[[frf.index, n + frf.index]], n)
+    still = np.concatenate([np.zeros(n), 16.0 * frf.floor]) + ROUNDING**2 * np.repeat(
+        power[[frf.index, n + frf.index]], n
+    )
     clamped = (power <= still).reshape(2, n).all(axis=0)
     clamped[frf.index] = False
     return np.flatnonzero(~clamped)
@@ -191,26 +194,31 @@ def _scale(start: Start) -> Array:
     return np.concatenate([drives, *sizes])
 
 
-def _starts(campaign: Campaign, model: Model, responses: Sequence[Frf], basis: Array) -> Iterator[Start]:
-    """Yields start values, best first: datasheet, then what two masses say, then other stiffnesses."""
-    gravity = basis @ model.chain.parameters
+def _starts(
+    campaign: Campaign, model: Model, responses: Sequence[Frf], basis: Array, start: Start | None
+) -> Iterator[tuple[Start, tuple[float, ...]]]:
+    """Yields start values, best first, and how far to doubt the model on the way.
+
+    `start` or datasheet and CAD, at once and by detours, then other stiffnesses, then what two masses say.
+    """
     J = np.mean([np.diag(model.J_cad(frf.posture)) for frf in responses], axis=0)
 
-    def start(K: Array, J_m: Array) -> Start:
+    def damped(K: Array, J_m: Array, alpha: Array, gravity: Array) -> Start:
         D, D_spring = 2 * START_DAMPING * np.sqrt(K * J_m) / campaign.N, 2 * START_DAMPING * np.sqrt(K * J)
-        return Start(K, J_m, D, D_spring, model.alpha_cad, gravity)
+        return Start(K, J_m, D, D_spring, alpha, gravity)
 
-    known = np.isfinite(campaign.K) & np.isfinite(campaign.J_m)
-    fitted = None if known.all() else _two_mass_drives(campaign, responses)
-    K, J_m = campaign.K, campaign.J_m
-    if fitted is not None:
-        K, J_m = (np.where(np.isfinite(own), own, other) for own, other in zip((K, J_m), fitted, strict=True))
-    yield start(K, J_m)
-    if fitted is None:
-        fitted = _two_mass_drives(campaign, responses)
-    yield start(*fitted)
-    for factor in SCALES[1:]:
-        yield start(K * factor, J_m)
+    fitted = None
+    if start is None:
+        K, J_m = campaign.K, campaign.J_m
+        if not (np.isfinite(K) & np.isfinite(J_m)).all():
+            fitted = _two_mass_drives(campaign, responses)
+            K, J_m = (np.where(np.isfinite(own), own, other) for own, other in zip((K, J_m), fitted, strict=True))
+        start = damped(K, J_m, model.alpha_cad, basis @ model.chain.parameters)
+    yield start, ()
+    yield start, DOUBTS
+    for factor in SCALES:
+        yield damped(start.K * factor, start.J_m, start.alpha, start.gravity), DOUBTS
+    yield damped(*(fitted or _two_mass_drives(campaign, responses)), start.alpha, start.gravity), DOUBTS
 
 
 def _two_mass_drives(campaign: Campaign, responses: Sequence[Frf]) -> tuple[Array, Array]:
@@ -231,11 +239,11 @@ def _two_mass_drives(campaign: Campaign, responses: Sequence[Frf]) -> tuple[Arra
     return found[0], found[1]
 
 
-def _minimise(problem: _Problem, vector: Array) -> _Minimum:
-    """Levenberg-Marquardt, weights made anew at every minimum until that moves nothing."""
+def _minimise(problem: _Problem, vector: Array, doubts: Sequence[float]) -> _Minimum:
+    """Levenberg-Marquardt, weights made anew at every minimum until that moves nothing; first with `doubts`."""
     damping, converged = 1e-3, False
-    for _ in range(OUTER):
-        weights = [_whitening(one, problem.parameters(vector)) for one in problem.data]
+    for doubt in (*doubts, *[0.0] * OUTER):
+        weights = [_whitening(one, problem.parameters(vector), doubt) for one in problem.data]
         chi2, slope, information = _normal_equations(problem, vector, weights)
         begin, settled = vector, False
         for _ in range(INNER):
@@ -250,13 +258,13 @@ def _minimise(problem: _Problem, vector: Array) -> _Minimum:
                 settled = bool(-step @ slope < SMALL_STEP)
                 break
             damping = max(damping / 5.0, 1e-12)
-            vector, moved = trial, float(step @ information @ step)
+            vector, moved, before = trial, float(step @ information @ step), chi2
             chi2, slope, information = _normal_equations(problem, vector, weights)
-            if moved < SMALL_STEP**2:
+            if moved < SMALL_STEP**2 or (doubt and before - chi2 < ROUGHLY * before):
                 settled = True
                 break
-        moved = (vector - begin) / problem.scale
-        if settled and moved @ information @ moved < (10.0 * SMALL_STEP) ** 2:
+        shift = (vector - begin) / problem.scale
+        if not doubt and settled and shift @ information @ shift < (10.0 * SMALL_STEP) ** 2:
             converged = True
             break
     return _Minimum(vector, information, chi2, converged)
@@ -276,7 +284,7 @@ def _chi2(problem: _Problem, vector: Array, weights: Sequence[Complex]) -> float
     with np.errstate(all="ignore"):  # a trial step beyond numbers is refused for its size
         for one, W in zip(problem.data, weights, strict=True):
             if np.linalg.eigvalsh(one.arm.J(p))[0] <= 0.0:
-                return np.inf
+                return float(np.inf)
             theta = motion(one.arm, p, one.sampling, one.tau[..., None])
             total += 2.0 * float(np.sum(np.abs(W @ (one.theta[..., None] - theta)) ** 2))
     return total if np.isfinite(total) else np.inf
@@ -291,25 +299,28 @@ def _normal_equations(problem: _Problem, vector: Array, weights: Sequence[Comple
         theta, derivatives = motion_and_derivatives(one.arm, p, one.sampling, one.tau)
         A = -(W @ (derivatives * problem.scale[columns])).reshape(-1, len(columns))
         r = (W @ (one.theta - theta)[..., None]).ravel()
-        A, r = np.concatenate([A.real, A.imag]), np.concatenate([r.real, r.imag])
-        chi2 += 2.0 * float(r @ r)
-        slope[columns] += 2.0 * (A.T @ r)
-        information[np.ix_(columns, columns)] += 2.0 * (A.T @ A)
+        chi2 += 2.0 * float(np.vdot(r, r).real)
+        slope[columns] += 2.0 * (A.conj().T @ r).real
+        real = np.concatenate([A.real, A.imag])
+        information[np.ix_(columns, columns)] += 2.0 * (real.T @ real)
     return chi2, slope, information
 
 
-def _whitening(one: _Data, p: Parameters) -> Complex:
+def _whitening(one: _Data, p: Parameters, doubt: float) -> Complex:
     """Returns W [L, m, m] that makes the error of theta - G tau white, of unit variance: torque noise through G, and angle
     noise.
 
     Each joint's two noise powers are constant over the band; fitted to the samples between the lines, weighted by their
-    own prediction (maximum likelihood, P. Whittle), and not below quantisation.
+    own prediction (maximum likelihood, P. Whittle), and not below quantisation. `doubt` is the error the model is granted,
+    relative to each angle.
     """
     m, L = len(one.arm.live), len(one.sampling.f)
     G = motion(one.arm, p, one.sampling, np.broadcast_to(np.eye(m, dtype=complex), (L, m, m)))
     error = one.noise[:, :, m:] - np.einsum("lij,rlj->rli", G, one.noise[:, :, :m])
     power = np.mean(np.abs(error) ** 2, axis=0)
-    least = np.maximum(one.floor, (MODEL_ACCURACY * (np.abs(one.theta) / one.arm.N).max(axis=1)[:, None] * one.arm.N) ** 2)
+    least = np.maximum(
+        one.floor, (MODEL_ACCURACY * (np.abs(one.theta) / one.arm.N).max(axis=1)[:, None] * one.arm.N) ** 2
+    )
     rows = np.concatenate([np.abs(G) ** 2, np.broadcast_to(np.eye(m), (L, m, m))], axis=2)
     predicted, powers = moving_average(power, min(SMOOTHED, L)), np.zeros(2 * m)
     for _ in range(NOISE_PASSES):
@@ -318,10 +329,10 @@ def _whitening(one: _Data, p: Parameters) -> Complex:
         size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
         powers = nnls(X / size, (power * weight).ravel())[0] / size
         predicted = rows @ powers
-    covariance = np.einsum("lij,j,lkj->lik", G, powers[:m], G.conj())
+    covariance: Complex = np.einsum("lij,j,lkj->lik", G, powers[:m], G.conj())
     i = np.arange(m)
-    covariance[:, i, i] += np.maximum(powers[m:], least)
-    return np.linalg.inv(np.linalg.cholesky(covariance))
+    covariance[:, i, i] += np.maximum(powers[m:], least) + (doubt * np.abs(one.theta)) ** 2
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=complex)
 
 
 def _spectrum(information: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -385,7 +396,9 @@ def _status(fit: CoupledFit, campaign: Campaign, model: Model) -> tuple[str, ...
         )
     for direction in fit.unseen.T:
         k = int(np.argmax(np.abs(direction)))
-        lines.append(f"the records hold no information on a direction of alpha, mostly {model.names[k]}: CAD value kept")
+        lines.append(
+            f"the records hold no information on a direction of alpha, mostly {model.names[k]}: CAD value kept"
+        )
     blind = np.abs(fit.unseen).max(axis=1, initial=0.0) > 1e-6
     for name, value, variance, hidden in zip(model.names, fit.alpha, np.diag(fit.covariance), blind, strict=True):
         if not hidden and np.sqrt(variance) > UNTOLD * abs(value):
