@@ -30,7 +30,7 @@ class Response:
 
     Measured at the usable lines `f` [L, Hz]: `measured` [L], `noise` [L] its standard deviation, `residual` [L] the
     distance from the fit in such.
-    On the fine grid `fine` [F, Hz]: `fitted` two masses, `declared` the datasheet's drive with CAD's inertia.
+    On the fine grid `fine` [F, Hz]: `fitted` the method's model, `declared` the datasheet's drive with CAD's inertia.
     """
 
     f: Array
@@ -190,7 +190,7 @@ def _magnitude(axes: Axes, r: Response) -> None:
     axes.set_xlim(r.f[0], r.f[-1])
     axes.set_ylim(*_decades(np.concatenate([np.abs(r.measured), np.abs(r.fitted), [max(np.median(r.noise), 1e-300)]])))
     axes.plot(r.f, r.noise, color=MUTED, linewidth=0.7, label="noise level")
-    axes.plot(r.fine, np.abs(r.fitted), color=FIT, linewidth=1.2, label="two masses, fitted")
+    axes.plot(r.fine, np.abs(r.fitted), color=FIT, linewidth=1.2, label="fitted")
     axes.plot(r.fine, np.abs(r.declared), color=CAD, linewidth=1.2, linestyle=(0, (4, 2)), label="datasheet and CAD")
     dots(axes, r.f, np.abs(r.measured), DATA, 3.4)
     axes.plot([], [], linestyle="none", marker=".", color=DATA, label="measured")

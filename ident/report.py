@@ -217,9 +217,11 @@ def _facts(r: Identification, document: dict[str, Any]) -> list[dict[str, Any]]:
     largest = f"{verdict.entry(i, j, r.campaign.n)} by {number(100 * own[i, j], 2)} % of its own size"
     checked = f"{len(checks)} of {len(fits)} checked by others"
     agree = r.alpha.agrees and all(drive.agrees for drive in r.drives)
+    misfit = (worst.chi2_per_dof, worst.chi2_limit) if r.coupled is None else (r.chi2_per_dof, r.coupled.chi2_limit)
+    which = "largest " if r.coupled is None else "all motors: "
     rows = [
         ("records explained", f"{explained} of {len(fits)}", explained == len(fits),
-         f"largest χ²/dof {number(worst.chi2_per_dof, 3)}, noise allows {number(worst.chi2_limit, 3)}"),
+         f"{which}χ²/dof {number(misfit[0], 3)}, noise allows {number(misfit[1], 3)}"),
         ("constants determined", f"{r.alpha.determined.sum()} of {d}", bool(r.alpha.determined.all()),
          f"least certain to {number(100 * uncertain, 2)} %"),
         ("measurements agree", "yes" if agree else "no", agree,
@@ -229,6 +231,8 @@ def _facts(r: Identification, document: dict[str, Any]) -> list[dict[str, Any]]:
         ("largest difference from CAD", f"{number(100 * against['largest'], 2)} %", None,
          f"of the largest entry of J(q); {largest}"),
     ]  # fmt: skip
+    if r.coupled is not None:  # one fit: nothing is left to agree or not
+        rows = [row for row in rows if row[0] != "measurements agree"]
     return [dict(zip(("label", "value", "ok", "note"), row, strict=True)) for row in rows]
 
 
