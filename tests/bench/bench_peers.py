@@ -124,15 +124,13 @@ def bench(arm: Arm, directory: Path, peers: dict[str, Any], crba: Path | Skipped
     binding = take_turns([row.program for row in rows if row.program], arm, q)
     judge(rows, arm, q, factoring)
     d, D = factoring.d, len(factoring.alphas)
-    return Table(arm.name, tuple(rows), binding, d, D, own["seconds"], own["runs"], own["amplification"])
+    return Table(arm.name, tuple(rows), binding, d, D, own["seconds"], own["cpu"], own["runs"], own["amplification"])
 
 
 def stages(arm: Arm) -> dict[str, Any]:
-    """Seconds of each stage of symgen, imports apart, the fastest of some fresh processes; and what its plan promises."""
+    """Seconds of each stage of symgen, imports apart, of the process that took least CPU; and what its plan promises."""
     command = [sys.executable, str(HERE / "peers/stages.py"), str(arm.urdf)]
-    return min(
-        (json.loads(build.run(command, 120)) for _ in range(PROCESSES)), key=lambda run: sum(run["seconds"].values())
-    )
+    return min((json.loads(build.run(command, 120)) for _ in range(PROCESSES)), key=lambda run: run["cpu"])
 
 
 def symgen(arm: Arm, directory: Path, seconds: dict[str, float]) -> tuple[Factoring, list[Row]]:

@@ -16,7 +16,7 @@ _SMALL = Path(__file__).parents[3] / "robots/ypp3/ypp3.urdf"
 
 def stages(urdf: Path) -> dict[str, Any]:
     """Seconds to parse, derive with ranks, plan, and build all functions; and what the plan promises."""
-    times = [time.perf_counter()]
+    cpu, times = time.process_time(), [time.perf_counter()]
     chain, unsnapped = plan.chain_of_file(urdf)
     times.append(time.perf_counter())
     made = plan.make_plan(chain, unsnapped=unsnapped)
@@ -25,9 +25,11 @@ def stages(urdf: Path) -> dict[str, Any]:
     times.append(time.perf_counter())
     parse, planned, functions = (after - before for before, after in pairwise(times))
     derive = made.seconds["derive"]
+    cpu = time.process_time() - cpu
     promised = made.document["plan"]
     return {
         "seconds": {"parse": parse, "derive": derive, "plan": planned - derive, "functions": functions},
+        "cpu": cpu,
         "runs": promised["measurements"],
         "amplification": max(promised["amplification_per_joint"]),
     }
