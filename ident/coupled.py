@@ -144,7 +144,7 @@ def fit_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], star
         again = abs(found.chi2 - before) < SAME_MINIMUM * found.chi2
         if best is None or found.chi2 < best[1].chi2:
             best = (problem, found, dof, limit)
-        if best[1].chi2 <= best[3] * best[2] and best[1].converged or again:
+        if best[1].chi2 <= best[3] * best[2] or again:
             break
         before = best[1].chi2
     assert best is not None
@@ -241,11 +241,11 @@ def _two_mass_drives(campaign: Campaign, responses: Sequence[Frf]) -> tuple[Arra
 
 def _minimise(problem: _Problem, vector: Array, doubts: Sequence[float]) -> _Minimum:
     """Levenberg-Marquardt, weights made anew at every minimum until that moves nothing; first with `doubts`."""
-    damping, converged = 1e-3, False
+    converged = False
     for doubt in (*doubts, *[0.0] * OUTER):
         weights = [_whitening(one, problem.parameters(vector), doubt) for one in problem.data]
         chi2, slope, information = _normal_equations(problem, vector, weights)
-        begin, settled = vector, False
+        begin, settled, damping = vector, False, 1e-3
         for _ in range(INNER):
             for _ in range(TRIALS):
                 step = _step(slope, information, damping)
