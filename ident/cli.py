@@ -76,12 +76,45 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault(name, "1")
     options = _parser().parse_args(arguments)
     try:
+        _check(options)
         return {"simulate": _simulate, "run": _run, "fit": _fit, "paper": _paper}[options.command](options)
     except (IdentError, SymgenError) as error:
-        print(f"ident: {error}", file=sys.stderr)
+        return _failed(str(error))
     except OSError as error:
-        print(f"ident: {error.filename}: {error.strerror}", file=sys.stderr)
+        return _failed(f"{error.filename}: {error.strerror}")
+
+
+def _failed(message: str) -> int:
+    """One line on standard error, whatever a path may hold."""
+    print(f"ident: {' '.join(message.splitlines())}", file=sys.stderr)
     return 2
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuses at once what would otherwise be found after minutes of simulation."""
+    for name, value in vars(options).items():
+        if isinstance(value, str) and "\0" in value:
+            raise IdentError(f"{'-o' if name == 'out' else name} {value!r}: expected text without null characters")
+    if getattr(options, "seed", 0) < 0:
+        raise IdentError(f"--seed {options.seed}: expected 0 or more")
+    if "method" in options:
+        from ident.identify import METHODS
+
+        if options.method not in METHODS:
+            raise IdentError(f"method {options.method!r}: expected one of {', '.join(METHODS)}")
+    if "out" not in options:
+        return
+    out = Path(options.out)
+    if options.command == "simulate":
+        if out.is_dir():
+            raise IdentError(f"-o {out}: a directory; expected a file to write")
+        if not out.parent.is_dir():
+            raise IdentError(f"-o {out}: no directory {out.parent}; expected one that exists")
+    elif out.exists() and not out.is_dir():
+        raise IdentError(f"-o {out}: a file; expected a directory")
+    nearest = next(path for path in (out, *out.resolve().parents) if path.exists())
+    if not os.access(nearest if nearest.is_dir() else nearest.parent, os.W_OK):
+        raise IdentError(f"-o {out}: {nearest} can not be written to")
 
 
 def _progress(options: argparse.Namespace) -> Callable[[str], None]:
@@ -125,8 +158,8 @@ def _simulate(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     from ident.store import write_campaign
 
-    out = _directory(options.out)
     campaign, believe_zeros = _campaign(options)
+    out = _directory(options.out)
     write_campaign(campaign, out / "campaign.h5")
     return _identified(campaign, believe_zeros, out, options)
 
@@ -134,8 +167,8 @@ def _run(options: argparse.Namespace) -> int:
 def _fit(options: argparse.Namespace) -> int:
     from ident.store import read_campaign
 
-    out = _directory(options.out)
-    return _identified(read_campaign(options.campaign), options.believe_zeros, out, options)
+    campaign = read_campaign(options.campaign)
+    return _identified(campaign, options.believe_zeros, Path(options.out), options)
 
 
 def _paper(options: argparse.Namespace) -> int:
@@ -148,8 +181,6 @@ def _paper(options: argparse.Namespace) -> int:
 
 def _directory(path: str) -> Path:
     directory = Path(path)
-    if directory.exists() and not directory.is_dir():
-        raise IdentError(f"-o {path}: a file; expected a directory")
     directory.mkdir(parents=True, exist_ok=True)
     return directory
 
@@ -160,6 +191,7 @@ def _identified(campaign: Campaign, believe_zeros: bool | None, out: Path, optio
     from symgen.plan import write_J
 
     result = identify(campaign, method=options.method, believe_zeros=believe_zeros, progress=_progress(options))
+    _directory(str(out))
     report.write(result, out)
     report.summary_plot(result, out / "responses.svg")
     write_J(result.model, result.alpha_all, out / "J.casadi")
@@ -168,7 +200,11 @@ def _identified(campaign: Campaign, believe_zeros: bool | None, out: Path, optio
         print(json.dumps(document, ensure_ascii=False))
     else:
         _print(result, document, out, options.brief)
-    return 0 if result.explained else 1
+    return 1 if _doubtful(result, document) else 0
+
+
+def _doubtful(result: Identification, document: dict[str, Any]) -> bool:
+    return not result.explained or any(problem["serious"] for problem in document["problems"])
 
 
 def _print(result: Identification, document: dict[str, Any], out: Path, brief: bool) -> None:
@@ -202,7 +238,7 @@ def _print(result: Identification, document: dict[str, Any], out: Path, brief: b
     print(f"J(q) at 1000 postures never measured: within {largest:.3g} % of CAD's, relative to the largest entry.")
     print(
         "The model explains the records."
-        if result.explained
+        if not _doubtful(result, document)
         else "THE MODEL DOES NOT EXPLAIN THE RECORDS: see the report."
     )
     print(f"Report: {out / 'report.html'}")

@@ -26,6 +26,9 @@ METHODS = ("two-mass", "three-point", "coupled")
 #: Postures never measured, at which J(q) is compared with CAD.
 UNSEEN_POSTURES = 1000
 
+#: Largest angle per torque over the band [rad per N m] that a motor can have: from a bridge's to a watch's.
+_RESPONSES = (1e-20, 1e20)
+
 #: A constant with less than this part of it in the unseen directions counts as determined.
 _SEEN = 1e-4
 
@@ -122,7 +125,7 @@ def identify(
     for record in campaign.records:
         if progress:
             progress(f"record {record.id}: {record.excited}")
-        responses.append(estimate(record, campaign))
+        responses.append(_response(record, campaign))
     seconds["frf"] = clock() - start
 
     start = clock()
@@ -175,6 +178,18 @@ def identify(
         notes=(*notes, *_notes(model, responses, two, drives, alpha, physical, coupled)),
         seconds=seconds,
     )
+
+
+def _response(record: Record, campaign: Campaign) -> Frf:
+    """The frequency response of a record. Raises IdentError where it is beyond what any drive does."""
+    frf = estimate(record, campaign)
+    size = np.abs(frf.G)
+    if not (np.isfinite(size).all() and size.max() > _RESPONSES[0] and size.max() < _RESPONSES[1]):
+        raise IdentError(
+            f"record {record.id}, {record.excited}: the motor answers with {size.max():.3g} rad per N m; expected "
+            f"{_RESPONSES[0]:g} to {_RESPONSES[1]:g}: check the encoder and the units of theta and tau"
+        )
+    return frf
 
 
 def _measurement(

@@ -60,6 +60,7 @@ def problems(identification: Identification) -> tuple[Problem, ...]:
         found.append(_coupled_unexplained(r.coupled))
     poor = {m.record.excited for m in r.measurements if not m.explained}
     found += [_different_drives(drive) for drive in r.drives if not drive.agrees and drive.joint not in poor]
+    found += [_untold(m, r) for m in r.measurements if m.explained and m.std > UNTOLD * abs(m.J)]
     if not r.alpha.agrees:
         found.append(_contradiction(r, bool(poor)))
     if not r.consistency.ok:
@@ -70,6 +71,16 @@ def problems(identification: Identification) -> tuple[Problem, ...]:
         why = "; ".join(doubts[:LISTED]) + more + "."
         found.append(Problem(False, "Some records are doubtful", why, "Record these again."))
     return tuple(sorted(found, key=lambda problem: not problem.serious))
+
+
+def _untold(m: Measurement, r: Identification) -> Problem:
+    name = entry(m.index, m.index, r.campaign.n)
+    return Problem(
+        True,
+        f"Record {m.record.id} does not tell {name}",
+        f"It reads {_told(m.J, m.std)}: the model fits, because next to nothing is there to contradict it.",
+        "Excite more, widen the band, or record more periods; check that the motor moved at all.",
+    )
 
 
 def _coupled_unexplained(fit: CoupledFit) -> Problem:

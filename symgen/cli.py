@@ -91,6 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.environ.setdefault(name, "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
+        if null := [word for word in words if "\0" in word]:
+            raise SymgenError(
+                f"{_before(words, null[0])}{null[0]!r}: no such file: a path can not hold a null character"
+            )
         if words[:1] == ["plan"]:
             return _plan(_plan_parser().parse_args(words[1:]))
         parser = _parser()
@@ -99,13 +103,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error("the following arguments are required: URDF")
         return _check(options) if options.check is not None else _run(options)
     except NoPlanError as error:
-        print(f"symgen: {error}", file=sys.stderr)
-        return 1
+        return _failed(str(error), 1)
     except SymgenError as error:
-        print(f"symgen: {error}", file=sys.stderr)
+        return _failed(str(error), 2)
     except OSError as error:
-        print(f"symgen: {error.filename}: {error.strerror}", file=sys.stderr)
-    return 2
+        return _failed(f"{error.filename}: {error.strerror}", 2)
+
+
+def _failed(message: str, status: int) -> int:
+    """One line on standard error, whatever a path may hold."""
+    print(f"symgen: {' '.join(message.splitlines())}", file=sys.stderr)
+    return status
+
+
+def _before(words: Sequence[str], word: str) -> str:
+    """The option that a word belongs to, with a space behind it; nothing for one that stands alone."""
+    at = words.index(word)
+    return f"{words[at - 1]} " if at and words[at - 1].startswith("-") else ""
 
 
 def _request(options: argparse.Namespace) -> Request:
@@ -188,6 +202,9 @@ def _write(result: Plan, directory: Path) -> list[str]:
     try:
         names = emit.write_all(result, beside)
         directory.mkdir(exist_ok=True)
+        for name in names:
+            if (directory / name).is_dir():
+                raise SymgenError(f"{directory / name}: a directory; expected a file to replace, or nothing")
         for name in names:
             os.replace(beside / name, directory / name)
     finally:

@@ -18,6 +18,9 @@ from symgen.robot import Robot, load_robot
 
 PLAN_FILE = "plan.json"
 
+#: Nobody measures more spare cells than this; each takes a search.
+_MOST_SPARE = 500
+
 
 @dataclass(frozen=True)
 class Request:
@@ -102,8 +105,8 @@ def plan_for(urdf: Path, request: Request) -> plan.Plan:
     Raises SymgenError (NoPlanError where there is no plan of the kind asked for) and OSError.
     """
     start = time.perf_counter()
-    if request.spare is not None and request.spare < 0:
-        raise SymgenError(f"--spare {request.spare}: expected 0 or more")
+    if request.spare is not None and not 0 <= request.spare <= _MOST_SPARE:
+        raise SymgenError(f"--spare {request.spare}: expected 0 or more, and at most {_MOST_SPARE}")
     robot = _robot_of(urdf)
     drives = robot.drives if robot else ()
     chain, unsnapped = chain_for(urdf, request)
