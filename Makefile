@@ -28,8 +28,10 @@ lint: .venv/dev
 fast: .venv/dev
 	$(BIN)/pytest -q -n 2 --dist worksteal
 
+# The longer studies, and symgen beside its peers (tests/bench/RESULTS.md): about ten minutes.
 bench: .venv/dev
 	$(BIN)/pytest -q -m bench
+	$(BIN)/python tests/bench/bench_peers.py
 
 # The lock files pin what was tested; run this to move to newer releases.
 lock:
@@ -54,4 +56,4 @@ lock:
 	@touch $@
 
 clean:
-	rm -rf .venv out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-peers out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
