@@ -48,6 +48,18 @@ def spread(limits: Array, count: int, offset: float) -> Array:
     return postures
 
 
+def steady(values: Array, digits: int = 4) -> Array:
+    """Returns the values rounded. Between one step of a search and the next this keeps the last bits, which differ from one
+    processor to another, from growing into other plans."""
+    rounded: Array = np.round(values, digits)
+    return rounded
+
+
+def ranked(values: Array) -> NDArray[np.int64]:
+    """Returns the order of values [N], largest first; those that agree to single precision (mirror images) by position."""
+    return np.argsort(-values.astype(np.float32), kind="stable")
+
+
 def every_joint(q: Array) -> Cells:
     """Returns the cells of all joints at postures q [m, n], posture by posture: [m n]."""
     m, n = q.shape

@@ -16,17 +16,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symgen.cells import Cells, Rows, spread
+from symgen.cells import Cells, Rows, ranked, spread, steady
 from symgen.chain import Array
 
-#: The bound is close enough when no cell's variance exceeds d by more than this factor (a loss of 1 % of efficiency).
-CLOSE = 1.01
+#: The bound is close enough when no cell's variance exceeds d by more than this factor (a loss of 0.5 % of efficiency).
+CLOSE = 1.005
 
 #: Postures looked at for the largest variance, in each round at other places, and how many of each joint are climbed.
 _LOOKED_AT, _CLIMBED = 1000, 10
 
 #: Steps of the weights, the postures and the climb in one round.
-_WEIGHT_STEPS, _MOVES, _CLIMB_STEPS = 50, 30, 30
+_WEIGHT_STEPS, _MOVES, _CLIMB_STEPS = 50, 40, 30
+
+#: A cell is new when its variance exceeds d by more than this factor; those in use have just d.
+_ABOVE = 1.001
 
 #: Cells below this weight, relative to 1 / d, are dropped; weight given to the new ones; angle [rad, m] that tells two apart.
 _DROPPED, _NEW, _APART = 5e-4, 0.03, 0.02
@@ -112,7 +115,8 @@ def _moved(rows: Rows, cells: Cells, weight: Array, allowed: Array) -> tuple[Cel
     bounds = np.concatenate([np.tile([0.0, np.inf], (M, 1)), np.tile(allowed, (M, 1))])
     x = np.concatenate([np.sqrt(weight * M), cells.q.ravel()])
     x = minimize(negative_log_det, x, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": _MOVES}).x
-    return Cells(cells.joint, np.clip(x[M:].reshape(M, n), *allowed.T)), x[:M] ** 2 / (x[:M] @ x[:M])
+    root = steady(x[:M], 3)
+    return Cells(cells.joint, np.clip(steady(x[M:], 3).reshape(M, n), *allowed.T)), root**2 / (root @ root)
 
 
 def _peaks(rows: Rows, half: Array, allowed: Array, offset: float) -> tuple[Cells, Array]:
@@ -120,8 +124,8 @@ def _peaks(rows: Rows, half: Array, allowed: Array, offset: float) -> tuple[Cell
     d, n = rows.factoring.d, len(allowed)
     q = spread(allowed, _LOOKED_AT, offset)
     first = ((rows(q).reshape(-1, d) @ half) ** 2).sum(axis=1).reshape(-1, n)
-    best = np.argsort(-first, axis=0, kind="stable")[:_CLIMBED]
-    return _climbed(rows, half, Cells(np.tile(np.arange(n), len(best)), q[best.ravel()]), allowed)
+    best = np.concatenate([ranked(first[:, i])[:_CLIMBED] for i in range(n)])
+    return _climbed(rows, half, Cells(np.repeat(np.arange(n), len(best) // n), q[best]), allowed)
 
 
 def _climbed(rows: Rows, half: Array, cells: Cells, allowed: Array) -> tuple[Cells, Array]:
@@ -147,17 +151,17 @@ def _climbed(rows: Rows, half: Array, cells: Cells, allowed: Array) -> tuple[Cel
         step = np.where(better, longer, step / 4)
         q, slope = np.where(better[:, None], tried, q), np.where(better[:, None], new_slope, slope)
         value = np.where(better, new, value)
-    return Cells(cells.joint, q), value
+    return Cells(cells.joint, np.clip(steady(q, 3), *allowed.T)), value
 
 
 def _distinct(peaks: Cells, variance: Array, most: int) -> Array:
     """Indices of at most `most` peaks above d = `most`, highest first, none next to a higher one of its joint."""
     chosen: list[int] = []
-    for k in np.argsort(-variance, kind="stable").tolist():
+    for k in ranked(variance).tolist():
         i = peaks.joint[k]
         near = (np.abs(peaks.q[chosen, i + 1 :] - peaks.q[k, i + 1 :]) < _APART).all(axis=1) & (
             peaks.joint[chosen] == i
         )
-        if variance[k] > most and len(chosen) < most and not near.any():
+        if variance[k] > _ABOVE * most and len(chosen) < most and not near.any():
             chosen.append(k)
     return np.array(chosen, dtype=np.int64)

@@ -42,7 +42,7 @@ Effort = Literal["quick", "full"]
 
 _WORKSPACE = 2000
 
-_SEARCH = {"quick": Search(4, 12, 3, 25, 40), "full": Search(40, 150, 12, 60, 400)}
+_SEARCH = {"quick": Search(4, 12, 3, 30, 60), "full": Search(40, 200, 16, 90, 600)}
 
 
 @dataclass(frozen=True)

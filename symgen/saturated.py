@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symgen.cells import Cells, Rows, every_joint, spread
+from symgen.cells import Cells, Rows, every_joint, ranked, spread, steady
 from symgen.chain import Array
 from symgen.errors import PlanError
 from symgen.holding import Holding
@@ -38,9 +38,11 @@ _SHARPNESS = 8
 #: Merits of two designs closer than this: mirror images of each other, or the same.
 _SAME = 1e-6
 
-#: Feasible cells: how many times d take part, steps of one stretch, stretches for as many steps of a free search, the parts
-#: of the way tried, and the gain of merit below which it is over.
-_OPTIONS, _STRETCH, _STRETCHES, _PARTS, _STALLED = 8, 15, 2, (1.0, 0.7, 0.4, 0.2, 0.08, 0.03), 1e-3
+#: Steps of one stretch of the refinement, and the gain of merit below which it is over.
+_STRETCH, _STALLED = 30, 3e-4
+
+#: Feasible cells: how many times d take part in exchanges, and the parts of the way to its aim that a cell tries.
+_OPTIONS, _PARTS = 8, (1.0, 0.7, 0.4, 0.2, 0.08, 0.03)
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def maxvol(F: Array, first: int | None = None) -> NDArray[np.int64]:
     left = F.copy()
     chosen: list[int] = []
     for k in range(d):
-        row = first if first is not None and k == 0 else int(np.argmax(np.einsum("nd,nd->n", left, left)))
+        row = first if first is not None and k == 0 else _first_largest(np.einsum("nd,nd->n", left, left))
         direction = left[row] / np.linalg.norm(left[row])
         left -= np.outer(left @ direction, direction)
         chosen.append(row)
@@ -161,14 +163,14 @@ def saturated(rows: Rows, first: Cells, best: Optimum, pool: Cells, holding: Hol
     found: list[tuple[float, NDArray[np.int64]]] = []
     for start in np.unique(np.linspace(0, len(F) - 1, search.starts).astype(np.int64)).tolist():
         chosen = merit.exchanged(F, maxvol(even, start))
-        found.append((merit(F[chosen]), chosen))
+        found.append((round(merit(F[chosen]), 6), chosen))
     found.sort(key=lambda one: -one[0])
     distinct = [found[k][1] for k in range(len(found)) if k == 0 or found[k - 1][0] - found[k][0] > _SAME]
     starts = [options[chosen] for chosen in distinct[: search.designs]]
     if holding.feasible is None:
         starts.append(first)
     designs = [_refined(rows, merit, cells, holding, search.steps) for cells in starts]
-    winner = max(designs, key=lambda cells: merit(rows.of_cells(cells)))
+    winner = max(designs, key=lambda cells: round(merit(rows.of_cells(cells)), 6))
     return _refined(rows, merit, winner, holding, search.last_steps)
 
 
@@ -196,7 +198,7 @@ def _telling(F: Array) -> NDArray[np.int64]:
     chosen = maxvol(even)
     leverage = ((even @ np.linalg.inv(even[chosen])) ** 2).sum(axis=1)
     leverage[chosen] = -1.0
-    return np.concatenate([chosen, np.argsort(-leverage, kind="stable")[: len(F) - len(chosen)]])
+    return np.concatenate([chosen, ranked(leverage)[: len(F) - len(chosen)]])
 
 
 def _rank(rows: Rows, cells: Cells) -> int:
@@ -210,14 +212,13 @@ def _rank(rows: Rows, cells: Cells) -> int:
 def _refined(rows: Rows, merit: Merit, cells: Cells, holding: Holding, steps: int) -> Cells:
     """The d cells with their postures moved within the box up the merit, by at most `steps` quasi-Newton steps.
 
-    Where not all postures are feasible, in stretches: each cell goes as far towards its aim as it may, then all aim again.
+    In stretches: where not all postures are feasible each cell goes as far towards its aim as it may, then all aim again.
     """
-    if holding.feasible is None:
-        return _climbed(rows, merit, cells, holding.allowed, steps)
+    stretch = _STRETCH if holding.feasible is None else _STRETCH // 2
     best, reached = cells, merit(rows.of_cells(cells))
-    for _ in range(_STRETCHES * steps // _STRETCH):
+    for _ in range(-(-steps // _STRETCH)):
         before = reached
-        cells = _towards(cells, _climbed(rows, merit, cells, holding.allowed, _STRETCH), holding)
+        cells = _towards(cells, _climbed(rows, merit, cells, holding.allowed, stretch), holding)
         value = merit(rows.of_cells(cells))
         if value > reached:
             best, reached = cells, value
@@ -253,4 +254,4 @@ def _climbed(rows: Rows, merit: Merit, cells: Cells, allowed: Array, steps: int)
 
     bounds = np.tile(allowed, (len(cells), 1))
     x = minimize(worse, cells.q.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps}).x
-    return Cells(cells.joint, np.clip(x.reshape(cells.q.shape), *allowed.T))
+    return Cells(cells.joint, np.clip(steady(x).reshape(cells.q.shape), *allowed.T))

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -99,6 +103,25 @@ def test_the_same_arm_gives_the_same_plan() -> None:
         one, two = plan(found, found, effort=effort), plan(found, found, effort=effort)
         assert np.array_equal(one.q, two.q) and np.array_equal(one.joint, two.joint)
         assert one.d_efficiency == two.d_efficiency
+
+
+PRINT_PLANS = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from test_postures import designed
+for name, effort in (("paper", "quick"), ("ypp3_general", "full"), ("ur5", "quick")):
+    print(designed(name, effort).joint.tolist(), designed(name, effort).q.tolist())
+"""
+
+
+def test_another_processor_gives_the_same_plan() -> None:
+    """OpenBLAS made to compute as on a processor of 2004: other last bits in every product, the same postures."""
+    command = [sys.executable, "-c", PRINT_PLANS, str(Path(__file__).parent)]
+    runs = [
+        subprocess.run(command, env={**os.environ, **kernel}, capture_output=True, text=True, check=True).stdout
+        for kernel in ({}, {"OPENBLAS_CORETYPE": "Prescott"})
+    ]
+    assert runs[0] == runs[1] and runs[0].count("\n") == 3
 
 
 def test_the_number_of_spare_cells_is_the_callers() -> None:
