@@ -105,23 +105,27 @@ def test_the_same_arm_gives_the_same_plan() -> None:
         assert one.d_efficiency == two.d_efficiency
 
 
-PRINT_PLANS = """
-import sys
-sys.path.insert(0, sys.argv[1])
-from test_postures import designed
-for name, effort in (("paper", "quick"), ("ypp3_general", "full"), ("ur5", "quick")):
-    print(designed(name, effort).joint.tolist(), designed(name, effort).q.tolist())
-"""
+SMALL_AND_LARGE = (("paper", "quick"), ("ypp3_general", "full"), ("ur5", "quick"))
 
 
 def test_another_processor_gives_the_same_plan() -> None:
     """OpenBLAS made to compute as on a processor of 2004: other last bits in every product, the same postures."""
-    command = [sys.executable, "-c", PRINT_PLANS, str(Path(__file__).parent)]
-    runs = [
-        subprocess.run(command, env={**os.environ, **kernel}, capture_output=True, text=True, check=True).stdout
-        for kernel in ({}, {"OPENBLAS_CORETYPE": "Prescott"})
-    ]
-    assert runs[0] == runs[1] and runs[0].count("\n") == 3
+    code = f"""
+import sys
+sys.path.insert(0, sys.argv[1])
+from test_postures import written
+for name, effort in {SMALL_AND_LARGE}:
+    print(written(name, effort))
+"""
+    command = [sys.executable, "-c", code, str(Path(__file__).parent)]
+    environment = {**os.environ, "OPENBLAS_CORETYPE": "Prescott"}
+    other = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    assert other.splitlines() == [written(name, effort) for name, effort in SMALL_AND_LARGE]
+
+
+def written(name: str, effort: Effort) -> str:
+    design = designed(name, effort)
+    return f"{design.joint.tolist()} {design.q.tolist()}"
 
 
 def test_the_number_of_spare_cells_is_the_callers() -> None:
