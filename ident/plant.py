@@ -185,15 +185,39 @@ def _compile(
     step: float,
     integrator: str,
 ) -> mujoco.MjModel:
+    root = mjcf(chain, drives, gravity, q, live, step, integrator)
+    # Written after compiling because MuJoCo's compiler refuses what real URDFs contain: rods, points, A + B < C in the
+    # last digit.
+    real = [[element.attrib.pop(key) for key in ("mass", "diaginertia")] for element in root.iter("inertial")]
+    for element in root.iter("inertial"):
+        element.attrib |= {"mass": "1", "diaginertia": "1 1 1"}
+    # a state that has blown up must stay visible: autoreset would put the arm back to rest without a word
+    flags = {"contact": "disable", "constraint": "disable", "sensor": "disable", "autoreset": "disable"}
+    ET.SubElement(next(root.iter("option")), "flag", flags)
+    model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
+    model.body_mass[1:] = [float(mass) for mass, _ in real]
+    model.body_inertia[1:] = [np.array(moments.split(), dtype=float) for _, moments in real]
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def mjcf(
+    chain: Chain,
+    drives: Sequence[Drive],
+    gravity: ArrayLike,
+    q: Array,
+    live: Sequence[int],
+    step: float,
+    integrator: str,
+) -> ET.Element:
+    """Returns the arm as an MJCF document: one body a `live` joint (from 0), base to tip, in it the motor joint "motor<i>"
+    and the spring joint of (7), (8), the other joints are frozen at q [n, rad or m]."""
     root = ET.Element("mujoco")
     ET.SubElement(root, "compiler", angle="radian")
-    option = ET.SubElement(root, "option", timestep=_text(step), integrator=integrator, gravity=_text(gravity))
-    # a state that has blown up must stay visible: autoreset would put the arm back to rest without a word
-    ET.SubElement(option, "flag", contact="disable", constraint="disable", sensor="disable", autoreset="disable")
+    ET.SubElement(root, "option", timestep=_text(step), integrator=integrator, gravity=_text(gravity))
     element = ET.SubElement(root, "worldbody")
     motors = ET.SubElement(root, "actuator")
-    bodies = _moving_bodies(chain, q, live)
-    for i, R, p, inertia in bodies:
+    for i, R, p, inertia in _moving_bodies(chain, q, tuple(live)):
         joint, drive = chain.joints[i], drives[i]
         element = ET.SubElement(element, "body", pos=_text(p), quat=_quaternion(R))
         kind = {"type": "hinge" if joint.type == REVOLUTE else "slide", "axis": _text(joint.axis), "limited": "false"}
@@ -201,16 +225,13 @@ def _compile(
         ET.SubElement(element, "joint", kind, name=f"motor{i}", armature=rotor, damping=damping)
         ET.SubElement(element, "joint", kind, stiffness=_text(drive.K), damping=_text(drive.D_spring))
         ET.SubElement(motors, "motor", joint=f"motor{i}", gear=_text(drive.N))
-        axes = np.linalg.eigh(inertia.I)[1]
+        moments, axes = np.linalg.eigh(inertia.I)
         axes[:, 2] *= np.linalg.det(axes)  # right-handed
-        pose = {"pos": _text(inertia.com), "quat": _quaternion(axes)}
-        ET.SubElement(element, "inertial", pose, mass="1", diaginertia="1 1 1")
-    model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
-    # Written here because MuJoCo's compiler refuses what real URDFs contain: rods, points, A + B < C in the last digit.
-    model.body_mass[1:] = [inertia.mass for *_, inertia in bodies]
-    model.body_inertia[1:] = [np.linalg.eigvalsh(inertia.I) for *_, inertia in bodies]
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-    return model
+        ET.SubElement(
+            element, "inertial", pos=_text(inertia.com), quat=_quaternion(axes), mass=_text(inertia.mass),
+            diaginertia=_text(moments),
+        )  # fmt: skip
+    return root
 
 
 def _moving_bodies(chain: Chain, q: Array, live: tuple[int, ...]) -> list[tuple[int, Array, Array, Inertia]]:
