@@ -19,6 +19,7 @@ import casadi as ca
 
 from symgen import equations, typeset
 from symgen.basis import Factoring
+from symgen.chain import Array
 from symgen.formula import Formula, alpha_cad, alpha_formulas, named_lengths, rounded
 from symgen.graph import inertia_graph, trigonometric_graph
 
@@ -175,6 +176,33 @@ def _source(factoring: Factoring, robot: str, expressions: Mapping[str, Any]) ->
     constants = f"const double {robot}_alpha_cad[{macro}_D] = {{\n{values}}};\n"
     include = f'#include "symgen_{robot}.h"\n'
     return "\n".join([_banner(factoring, robot), include, generator.dump().strip() + "\n", constants, *wrappers])
+
+
+def identified_source(factoring: Factoring, alpha: Array, robot_name: str) -> dict[str, str]:
+    """Returns J.h and J.c: `<robot>_J_identified(q, J)`, the inertia matrix with the constants alpha [D] put in.
+
+    `J.c` needs nothing but `J.h`, `J.h` nothing; <robot> = `identifier(robot_name)`.
+    """
+    robot, n = identifier(robot_name), factoring.chain.n
+    q = ca.SX.sym("q", n)
+    J = functions(factoring)["J"](q, ca.DM(alpha))
+    function = ca.Function(f"{robot}_J_identified_graph", [q], [ca.densify(J)], ["q"], ["J"])
+    generator = ca.CodeGenerator("J.c", {"with_header": False, "with_export": False})
+    generator.add(function, False)
+    call = f"void {robot}_J_identified(const double q[{n}], double J[{n}][{n}])"
+    guard = f"{robot.upper()}_J_IDENTIFIED_H"
+    banner = _banner(factoring, robot_name).replace("change the URDF, not this file", "identify again, do not edit")
+    header = (
+        f'{banner}\n#ifndef {guard}\n#define {guard}\n\n#ifdef __cplusplus\nextern "C" {{\n#endif\n\n'
+        "/* J[i][j]: the inertia matrix, symmetric, with the identified constants; q in rad or m, joints base to tip:\n"
+        f" * {', '.join(_comment(name) for name in factoring.chain.names)} */\n"
+        f"{call};\n\n#ifdef __cplusplus\n}}\n#endif\n\n#endif\n"
+    )
+    body = (
+        f"{call}\n{{\n  const double *arg[{function.sz_arg()}];\n  double *res[{function.sz_res()}];\n"
+        f"  arg[0] = q;\n  res[0] = J[0];\n  {robot}_J_identified_graph(arg, res, 0, 0, 0);\n}}\n"
+    )
+    return {"J.h": header, "J.c": "\n".join([banner, '#include "J.h"\n', generator.dump().strip() + "\n", body])}
 
 
 def _signature(robot: str, name: str) -> str:

@@ -387,3 +387,10 @@ def write_J(model: Model, alpha: Array, path: Path) -> None:
     beside = path.with_name(f".{path.name}")
     ca.Function("J", [q], [J], ["q"], ["J"]).save(str(beside))
     beside.replace(path)
+
+
+def source_of_J(model: Model, alpha: Array, robot_name: str) -> dict[str, str]:
+    """Returns the same function as C99: the text of J.h and J.c (see `emit.identified_source`)."""
+    from symgen.emit import identified_source
+
+    return identified_source(model.factoring, alpha, robot_name)
