@@ -51,7 +51,11 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("campaign", metavar="CAMPAIGN.h5")
     for sub in (run, fit):
         sub.add_argument(
-            "-o", dest="out", metavar="DIR", required=True, help="write result.json, report.html, J.casadi here"
+            "-o",
+            dest="out",
+            metavar="DIR",
+            required=True,
+            help="write result.json, report.html and the identified robot here",
         )
         sub.add_argument(
             "--method",
@@ -63,6 +67,11 @@ def _parser() -> argparse.ArgumentParser:
         "--believe-zeros", action=argparse.BooleanOptionalAction, default=None,
         help="take inertial parameters that are exactly zero in the URDF as known (default: only where the records need it)",
     )  # fmt: skip
+    export = command(
+        "export", "Write the identified robot's files again: URDF, MJCF, robot.toml, CasADi and C functions."
+    )
+    export.add_argument("result", metavar="OUT", help="directory that ident fit wrote, or its identified.json")
+    export.add_argument("-o", dest="out", metavar="DIR", help="write the files here (default: beside identified.json)")
     paper.add_argument("robot", metavar="ROBOT_DIR", nargs="?", default="robots/ypp3", help="default robots/ypp3")
     return parser
 
@@ -77,7 +86,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         _check(options)
-        return {"simulate": _simulate, "run": _run, "fit": _fit, "paper": _paper}[options.command](options)
+        return {"simulate": _simulate, "run": _run, "fit": _fit, "export": _export, "paper": _paper}[options.command](
+            options
+        )
     except (IdentError, SymgenError) as error:
         return _failed(str(error))
     except OSError as error:
@@ -102,7 +113,7 @@ def _check(options: argparse.Namespace) -> None:
 
         if options.method not in METHODS:
             raise IdentError(f"method {options.method!r}: expected one of {', '.join(METHODS)}")
-    if "out" not in options:
+    if getattr(options, "out", None) is None:
         return
     out = Path(options.out)
     if options.command == "simulate":
@@ -171,6 +182,18 @@ def _fit(options: argparse.Namespace) -> int:
     return _identified(campaign, options.believe_zeros, Path(options.out), options)
 
 
+def _export(options: argparse.Namespace) -> int:
+    from ident.export import read, write_files
+
+    place = Path(options.result)
+    files = write_files(read(place), options.out or (place if place.is_dir() else place.parent))
+    if options.json:
+        print(json.dumps({"files": [str(path) for path in files]}))
+    else:
+        print("\n".join(str(path) for path in files))
+    return 0
+
+
 def _paper(options: argparse.Namespace) -> int:
     from ident import paper
 
@@ -187,14 +210,15 @@ def _directory(path: str) -> Path:
 
 def _identified(campaign: Campaign, believe_zeros: bool | None, out: Path, options: argparse.Namespace) -> int:
     from ident import report
+    from ident.export import write_identified
     from ident.identify import identify
-    from symgen.plan import write_J
+    from symgen.robot import load_robot
 
     result = identify(campaign, method=options.method, believe_zeros=believe_zeros, progress=_progress(options))
     _directory(str(out))
     report.write(result, out)
     report.summary_plot(result, out / "responses.svg")
-    write_J(result.model, result.alpha_all, out / "J.casadi")
+    write_identified(result, out, load_robot(options.robot) if options.command == "run" else None)
     document = report.result_document(result)
     if options.json:
         print(json.dumps(document, ensure_ascii=False))
@@ -243,6 +267,7 @@ def _print(result: Identification, document: dict[str, Any], out: Path, brief: b
     )
     print(f"Report: {out / 'report.html'}")
     print(f"Plot:   {out / 'responses.svg'}")
+    print(f"Robot:  {out / 'robot.toml'} with identified.urdf, identified.xml (MuJoCo), J.casadi, J.c")
 
 
 def _percent(value: float, cad: float) -> str:

@@ -7,7 +7,9 @@ inequality of the moments of inertia.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import clarabel
 import numpy as np
@@ -26,6 +28,9 @@ PRIOR_WEIGHT = 1e-6
 PRIOR_BOUND = 1e4
 #: Order of the paper's constants wherever all six stand in one vector.
 YPP_ALPHA = ("alpha_11", "alpha_12", "alpha_13", "alpha_21", "alpha_22", "alpha_31")
+
+#: One condition of a cone program: rows [r, x], bound [r] and the cone that holds bound - rows @ x.
+Block = tuple[Array, Array, Any]
 
 
 @dataclass(frozen=True)
@@ -158,26 +163,41 @@ def _nearest(A: Array, target: Array, free: NDArray[np.bool_], guess: Array) -> 
     p, d = len(at), len(target)
     last = np.arange(p + 2) >= p  # t, u
     t, u = np.eye(p + 2)[last]
-    # clarabel: bounds - rows @ (x, t, u) in the cone
-    rows = [u, -t, -np.hstack([A[:, at], np.zeros((d, 2))]), -u, -np.eye(p, p + 2)]
-    bounds = [np.array([PRIOR_BOUND]), np.zeros(1), -target, np.append(0.0, -guess[at])]
-    cones = [clarabel.NonnegativeConeT(1), clarabel.SecondOrderConeT(d + 1), clarabel.SecondOrderConeT(p + 1)]
-    i, j = np.tril_indices(4)  # row by row: the upper triangle column by column, as clarabel packs it
-    packed = pseudo_inertia(np.eye(10))[:, i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
+    blocks: list[Block] = [
+        (u[None], np.array([PRIOR_BOUND]), clarabel.NonnegativeConeT(1)),
+        (np.vstack([-t, -np.hstack([A[:, at], np.zeros((d, 2))])]), np.append(0.0, -target), clarabel.SecondOrderConeT(d + 1)),
+        (np.vstack([-u, -np.eye(p, p + 2)]), np.append(0.0, -guess[at]), clarabel.SecondOrderConeT(p + 1)),
+    ]  # fmt: skip
+    units = pseudo_inertia(np.eye(10))
     for link in np.unique(at // 10):
         mine = at // 10 == link
-        block = np.zeros((10, p + 2))
-        block[:, np.flatnonzero(mine)] = packed[at[mine] % 10].T
-        rows.append(-block)
-        bounds.append(np.zeros(10))
-        cones.append(clarabel.PSDTriangleConeT(4))
-    cost = np.append(np.zeros(p), [1.0, PRIOR_WEIGHT])
+        matrices = np.zeros((p + 2, 4, 4))
+        matrices[np.flatnonzero(mine)] = units[at[mine] % 10]
+        blocks.append(semidefinite(matrices, np.zeros((4, 4))))
+    found, outcome = cone_program(np.append(np.zeros(p), [1.0, PRIOR_WEIGHT]), blocks)
+    x = np.zeros(len(free))
+    x[at] = found[:p]
+    return x, outcome
+
+
+def semidefinite(matrices: Array, constant: Array) -> Block:
+    """Returns the condition that sum_k x_k matrices[k] + constant, symmetric [4, 4] each, is positive semidefinite."""
+    i, j = np.tril_indices(4)  # row by row: the upper triangle column by column, as clarabel packs it
+    weight = np.where(i == j, 1.0, np.sqrt(2.0))
+    return -(matrices[:, i, j] * weight).T, constant[i, j] * weight, clarabel.PSDTriangleConeT(4)
+
+
+def cone_program(cost: Array, blocks: Sequence[Block]) -> tuple[Array, str]:
+    """Returns (x, outcome): minimises cost . x with bound - rows @ x in the cone of every block (rows, bound, cone).
+
+    `outcome` is clarabel's word for how it ended, "Solved" when all is well.
+    """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
+    rows, bounds, cones = zip(*blocks, strict=True)
     problem = csc_matrix(np.vstack(rows)), np.concatenate(bounds)
-    solution = clarabel.DefaultSolver(csc_matrix((p + 2, p + 2)), cost, *problem, cones, settings).solve()
-    x = np.zeros(len(free))
-    x[at] = np.array(solution.x)[:p]
-    return x, str(solution.status)
+    size = len(cost)
+    solution = clarabel.DefaultSolver(csc_matrix((size, size)), cost, *problem, list(cones), settings).solve()
+    return np.array(solution.x), str(solution.status)

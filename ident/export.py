@@ -1,0 +1,243 @@
+"""An identified arm as files that other programs read: CasADi, C, URDF, MJCF, robot.toml.
+
+All files say the same: where no rigid links have the estimated constants, every one of them holds the nearest that some
+have (`ident.links`), and says how far that is from the estimate.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ident import identified as identified_arm
+from ident.campaign import Array, Campaign
+from ident.errors import IdentError
+from ident.identified import Identified, of_identification, of_parts
+from ident.identify import Identification
+from ident.links import Links, nearest_links
+from ident.physical import pseudo_inertia
+from ident.robot_text import one_line, robot_toml
+from ident.urdf_text import read_inertias, replace_inertias
+from symgen.chain import Chain, Inertia, skew
+from symgen.plan import Model, source_of_J, write_J
+from symgen.robot import Robot
+
+#: Of what a link's identified inertia leaves for the links fixed to it, the share they get when they have to be scaled.
+WELDED_SHARE = 0.99
+#: A remainder smaller than this part of the whole is no body but rounding.
+REMAINDER = 1e-6
+#: Time step [s] of the MJCF: good for joints up to some 200 Hz.
+STEP = 2.5e-4
+
+
+def write_identified(
+    identification: Identification, directory: str | Path, robot: Robot | None = None
+) -> tuple[Path, ...]:
+    """Writes everything about an identified arm into `directory`, made where missing; returns the paths.
+
+    See `write_files`. `robot` is the robot directory the campaign was made with, where there is one: its encoders, torque
+    limits and experiment go into robot.toml. Raises IdentError naming the file that can not be written.
+    """
+    return write_files(of_identification(identification, robot), directory)
+
+
+def write_arm(
+    campaign: Campaign,
+    model: Model,
+    alpha: Array,
+    covariance: Array,
+    unseen: Array,
+    K: Array,
+    J_m: Array,
+    D: Array,
+    D_spring: Array,
+    directory: str | Path,
+    *,
+    robot: Robot | None = None,
+    source: str = "",
+) -> tuple[Path, ...]:
+    """Writes the same files for an arm whose numbers come from elsewhere; arguments as in `identified.of_parts`."""
+    arm = of_parts(campaign, model, alpha, covariance, unseen, K, J_m, D, D_spring, robot=robot, source=source)
+    return write_files(arm, directory)
+
+
+def write_files(arm: Identified, directory: str | Path) -> tuple[Path, ...]:
+    """Writes the arm into `directory` and returns the paths: every file complete or not at all.
+
+    J.casadi (q [n]) -> [n, n], J.c and J.h; identified.urdf, the declared one with identified inertias; identified.xml, the arm
+    with its drives for MuJoCo; robot.toml, which makes of `directory` a robot directory; identified.json, from which all of
+    them can be written again (`read`). Raises IdentError naming the file that can not be written.
+    """
+    directory, model = Path(directory), arm.model
+    links = nearest_links(model, arm.alpha, arm.covariance, arm.unseen)
+    texts = {
+        **source_of_J(model, links.alpha, model.chain.name),
+        "identified.urdf": urdf(arm, links),
+        "identified.xml": mjcf(arm, links),
+        "robot.toml": robot_toml(arm, _closeness(arm, links)),
+    }
+    beside = directory / f".identified.{os.getpid()}.part"
+    target = directory
+    try:
+        beside.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            with (beside / name).open("w", encoding="utf-8", newline="") as file:
+                file.write(text)
+        write_J(model, links.alpha, beside / "J.casadi")
+        identified_arm.write(arm, beside / identified_arm.FILE)
+        names = sorted(path.name for path in beside.iterdir())
+        for name in names:
+            target = directory / name
+            os.replace(beside / name, target)
+    except OSError as error:
+        raise IdentError(f"{target}: cannot be written: {error.strerror}") from None
+    finally:
+        with suppress(OSError):
+            shutil.rmtree(beside)
+    return tuple(directory / name for name in names)
+
+
+def read(path: str | Path) -> Identified:
+    """Returns the arm in a result's directory, or in its identified.json. IdentError if there is none."""
+    path = Path(path)
+    file = path / identified_arm.FILE if path.is_dir() else path
+    if not file.is_file():
+        raise IdentError(f"{file}: no such file; expected what ident fit wrote")
+    return identified_arm.read(file)
+
+
+def urdf(arm: Identified, links: Links) -> str:
+    """Returns the declared URDF with the inertias of `links`; all else of it stays.
+
+    What is fixed to a moving link keeps its inertia and the link gets the rest of theirs; where that would be no body, the
+    fixed ones are scaled. The comment says which.
+    """
+    inertias = read_inertias(arm.urdf)
+    bodies: dict[str, Inertia] = {}
+    scaled: dict[str, float] = {}
+    for k, joint in enumerate(arm.model.chain.joints):
+        welded = [link for link, onto in arm.model.chain.lumped if onto == joint.link and inertias[link] is not None]
+        found, own = links.parameters[k], inertias[joint.link]
+        if welded:
+            rest = joint.inertia.parameters - (own.parameters if own else 0.0)
+            share = _share_left(found, rest)
+            found = found - share * rest
+            if share < 1.0:
+                for link in welded:
+                    body = inertias[link]
+                    assert body is not None
+                    bodies[link], scaled[link] = Inertia(share * body.mass, body.com, share * body.I), share
+        bodies[joint.link] = body_of(found)
+    return replace_inertias(arm.urdf, bodies, _urdf_comment(arm, links, scaled))
+
+
+def _share_left(whole: Array, rest: Array) -> float:
+    """1 where whole - rest, ten parameters each, is a body; else the share of the rest that leaves one."""
+    root = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(whole)))
+    largest = float(np.linalg.eigvalsh(root @ pseudo_inertia(rest) @ root.T)[-1])
+    return 1.0 if largest < 1.0 - REMAINDER else WELDED_SHARE / largest
+
+
+def body_of(parameters: Array) -> Inertia:
+    """Returns the body with these ten parameters (`symgen.chain.PARAMETERS`)."""
+    m, (xx, xy, yy, xz, yz, zz) = parameters[0], parameters[4:]
+    com = parameters[1:4] / m
+    L = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return Inertia(float(m), com, L + m * skew(com) @ skew(com))
+
+
+def _urdf_comment(arm: Identified, links: Links, scaled: Mapping[str, float]) -> str:
+    chain = arm.model.chain
+    lines = [
+        "The declared robot with identified inertias.",
+        f"Identified from: {one_line(arm.source)}.",
+        _closeness(arm, links),
+        "J(q) shows only some combinations of the inertial parameters; the rest are those of least entropic divergence from",
+        "the declared ones. Masses and centres of mass alone are therefore no measurements.",
+        f"Changed: the inertial of {', '.join(joint.link for joint in chain.joints)}.",
+    ]
+    onto = {carrier for _, carrier in chain.lumped}
+    if onto:
+        lines.append(
+            f"Links fixed to {', '.join(sorted(onto))} keep their inertia, their carrier holds what was identified of both"
+            + (":" if scaled else ".")
+        )
+    lines += [f"  but {link} is scaled by {share:.6g}, or its carrier were no body." for link, share in scaled.items()]
+    if chain.frozen:
+        stand = ", ".join(f"{name} = {value:g}" for name, value in chain.frozen.items())
+        lines.append(f"Frozen while identifying: {stand}.")
+    if chain.snapped:
+        names = ", ".join(sorted({snap.joint for snap in chain.snapped}))
+        lines.append(f"Identified for exact angles at {names}; this file keeps its own, off by at most 1e-4 rad.")
+    return "\n     ".join(lines)
+
+
+def _closeness(arm: Identified, links: Links) -> str:
+    """How the links' constants relate to the estimate, in one line."""
+    if links.exact:
+        text = "The inertias have the estimated constants of J(q) exactly."
+    elif links.distance < 1e-6 * _length(arm):
+        text = "The inertias have the constants of J(q) that were measured; along what was not, no body has the declared ones."
+    else:
+        text = (
+            "No rigid bodies have the estimated constants of J(q); these have the nearest possible ones, "
+            f"{links.distance:.3g} standard deviations away."
+        )
+    return " ".join((text, *links.status))
+
+
+def _length(arm: Identified) -> float:
+    """About how many standard deviations the estimate is from zero."""
+    std = np.sqrt(np.diag(arm.covariance))
+    return float(np.linalg.norm(arm.alpha[std > 0] / std[std > 0])) or 1.0
+
+
+def identified_chain(chain: Chain, links: Links) -> Chain:
+    """Returns the chain with the bodies of `links`."""
+    joints = (replace(joint, inertia=body_of(row)) for joint, row in zip(chain.joints, links.parameters, strict=True))
+    return replace(chain, joints=tuple(joints))
+
+
+def mjcf(arm: Identified, links: Links) -> str:
+    """Returns the arm with its drives as MJCF: per joint a motor joint and a spring joint on one body (`ident.plant`)."""
+    from ident import plant
+
+    chain = identified_chain(arm.model.chain, links)
+    root = plant.mjcf(chain, arm.drives, arm.gravity, np.zeros(chain.n), range(chain.n), STEP, "implicitfast")
+    root.set("model", chain.name)
+    motors = root.iter("motor")
+    for body, joint, drive in zip(root.iter("body"), chain.joints, arm.drives, strict=True):
+        motor, spring = body.findall("joint")
+        body.set("name", joint.link)
+        motor.set("name", f"{joint.name}_motor")
+        spring.set("name", f"{joint.name}_spring")
+        if np.isfinite([joint.lower, joint.upper]).all():
+            motor.attrib |= {"limited": "true", "range": f"{joint.lower!r} {joint.upper!r}"}
+        limit = repr(drive.tau_max)
+        next(motors).attrib |= {
+            "name": joint.name,
+            "joint": f"{joint.name}_motor",
+            "ctrllimited": "true",
+            "ctrlrange": f"-{limit} {limit}",
+        }
+    ET.indent(root)
+    return f"<!-- {_mjcf_comment(arm, links)} -->\n{ET.tostring(root, encoding='unicode')}\n"
+
+
+def _mjcf_comment(arm: Identified, links: Links) -> str:
+    lines = [
+        f"Arm with elastic joints, identified from: {one_line(arm.source)}.",
+        _closeness(arm, links),
+        "Joint NAME of the URDF is two coaxial joints of one body: NAME_motor turns by motor angle / N and carries the rotor (armature",
+        "N^2 J_m, damping N^2 D), NAME_spring turns by the deflection of the spring (K, D_spring); the link angle is their sum.",
+        "The control NAME is the motor torque, motor side [N m]; its gear is N. Links fixed to a link are part of its body.",
+    ]
+    return re.sub(r"-(?=-)", "- ", "\n     ".join(lines)).rstrip("-")

@@ -1,0 +1,79 @@
+"""robot.toml of an identified arm, the text that `symgen.robot` reads back."""
+
+from __future__ import annotations
+
+import json
+import re
+
+from ident.identified import Identified
+from symgen.robot import Drive
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def robot_toml(arm: Identified, remark: str) -> str:
+    """Returns robot.toml with the identified drives, for `symgen.robot.load_robot`; its URDF is identified.urdf.
+
+    `remark` is a comment on how the drives and the URDF's inertias relate to what was measured.
+    """
+    e = arm.experiment
+    lines = [
+        f"# Identified from: {one_line(arm.source)}.",
+        f"# {one_line(remark)}",
+        "# K, J_m, D and D_spring are identified; encoders, torque limits and the experiment as declared, or read from the records.",
+        "[robot]",
+        'urdf = "identified.urdf"',
+        f"believe_zeros = {str(arm.believes_zeros).lower()}",
+        f"gravity_m_per_s2 = [{', '.join(map(_number, arm.gravity))}]",
+    ]
+    lines += [f"{key} = {_string(value)}" for key, value in (("base", arm.base), ("tip", arm.tip)) if value is not None]
+    if arm.at:
+        lines.append(f"at = {{ {', '.join(f'{_key(name)} = {_number(value)}' for name, value in arm.at.items())} }}")
+    lines += [
+        "",
+        "[experiment]",
+        f"sample_rate_Hz = {_number(e.fs)}",
+        f"band_Hz = [{_number(e.band[0])}, {_number(e.band[1])}]",
+        f"line_spacing_Hz = {_number(e.f0)}",
+        f"periods = {e.periods}",
+        f"swing_rad = {_number(e.swing)}",
+        f"torque_noise_rel = {_number(e.torque_noise)}",
+        f"lock_pd_Hz = {_number(e.lock_pd)}",
+        f"lock_dob_Hz = {_number(e.lock_dob)}",
+    ]
+    for drive, note in zip(arm.drives, arm.notes, strict=True):
+        lines += ["", *([f"# {one_line(note)}"] if note else []), *_drive_lines(drive)]
+    return "\n".join(lines) + "\n"
+
+
+def _drive_lines(drive: Drive) -> list[str]:
+    per = ("N_rad_per_m", "K_N_per_m", "D_spring_Ns_per_m")
+    N, K, D_spring = per if drive.linear else ("N", "K_Nm_per_rad", "D_spring_Nms_per_rad")
+    return [
+        f"[joint.{_key(drive.joint)}]",
+        f"{N} = {_number(drive.N)}",
+        f"J_m_kgm2 = {_number(drive.J_m)}",
+        f"{K} = {_number(drive.K)}",
+        f"D_Nms_per_rad = {_number(drive.D)}",
+        f"{D_spring} = {_number(drive.D_spring)}",
+        f"encoder_counts_per_rev = {drive.encoder_counts}",
+        f"torque_limit_Nm = {_number(drive.tau_max)}",
+    ]
+
+
+def _number(value: float) -> str:
+    return repr(float(value))
+
+
+def _key(name: str) -> str:
+    return name if _BARE.fullmatch(name) else _string(name)
+
+
+def _string(text: str) -> str:
+    """A TOML basic string; JSON's escapes are a part of TOML's."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def one_line(text: str) -> str:
+    """Returns the text on one line, without what can not stand in a comment."""
+    return "".join(c if c.isprintable() else " " for c in " ".join(text.split()))
