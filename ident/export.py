@@ -82,7 +82,7 @@ def write_files(arm: Identified, directory: str | Path) -> tuple[Path, ...]:
         **source_of_J(model, links.alpha, model.chain.name),
         "identified.urdf": urdf(arm, links),
         "identified.xml": mjcf(arm, links),
-        "robot.toml": robot_toml(arm, _closeness(arm, links)),
+        "robot.toml": robot_toml(arm, _closeness(links)),
     }
     beside = directory / f".identified.{os.getpid()}.part"
     target = directory
@@ -159,7 +159,7 @@ def _urdf_comment(arm: Identified, links: Links, scaled: Mapping[str, float]) ->
     lines = [
         "The declared robot with identified inertias.",
         f"Identified from: {one_line(arm.source)}.",
-        _closeness(arm, links),
+        _closeness(links),
         "J(q) shows only some combinations of the inertial parameters; the rest are those of least entropic divergence from",
         "the declared ones. Masses and centres of mass alone are therefore no measurements.",
         f"Changed: the inertial of {', '.join(joint.link for joint in chain.joints)}.",
@@ -180,11 +180,11 @@ def _urdf_comment(arm: Identified, links: Links, scaled: Mapping[str, float]) ->
     return "\n     ".join(lines)
 
 
-def _closeness(arm: Identified, links: Links) -> str:
+def _closeness(links: Links) -> str:
     """How the links' constants relate to the estimate, in one line."""
     if links.exact:
         text = "The inertias have the estimated constants of J(q) exactly."
-    elif links.distance < 1e-6 * _length(arm):
+    elif links.ok:
         text = "The inertias have the constants of J(q) that were measured; along what was not, no body has the declared ones."
     else:
         text = (
@@ -192,12 +192,6 @@ def _closeness(arm: Identified, links: Links) -> str:
             f"{links.distance:.3g} standard deviations away."
         )
     return " ".join((text, *links.status))
-
-
-def _length(arm: Identified) -> float:
-    """About how many standard deviations the estimate is from zero."""
-    std = np.sqrt(np.diag(arm.covariance))
-    return float(np.linalg.norm(arm.alpha[std > 0] / std[std > 0])) or 1.0
 
 
 def identified_chain(chain: Chain, links: Links) -> Chain:
@@ -235,7 +229,7 @@ def mjcf(arm: Identified, links: Links) -> str:
 def _mjcf_comment(arm: Identified, links: Links) -> str:
     lines = [
         f"Arm with elastic joints, identified from: {one_line(arm.source)}.",
-        _closeness(arm, links),
+        _closeness(links),
         "Joint NAME of the URDF is two coaxial joints of one body: NAME_motor turns by motor angle / N and carries the rotor (armature",
         "N^2 J_m, damping N^2 D), NAME_spring turns by the deflection of the spring (K, D_spring); the link angle is their sum.",
         "The control NAME is the motor torque, motor side [N m]; its gear is N. Links fixed to a link are part of its body.",

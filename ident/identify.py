@@ -17,7 +17,8 @@ from ident.drive import SharedDrive, share
 from ident.errors import IdentError
 from ident.fit import ThreePoint, TwoMass, predict, three_point, two_mass
 from ident.frf import Complex, Frf, estimate
-from ident.physical import Consistency, consistency
+from ident.links import nearest_links
+from ident.physical import Consistency
 from ident.solve import Alpha, Combined, inertia_std, solve
 from symgen.plan import Model, model_of_urdf
 
@@ -150,7 +151,7 @@ def identify(
         alpha = solve(model.C_rows(q)[cells, index], J, spread, index, np.array(model.alpha_joint[: model.d]))
         alpha_all, covariance, unseen = _with_cad(model, alpha)
         std = np.sqrt(np.diag(spread))
-    physical = _possible_links(model, alpha)
+    physical = _possible_links(model, alpha_all, covariance, unseen)
     seconds["solve"] = clock() - start
 
     J_cad = model.J_cad(q)[cells, index, index]
@@ -310,12 +311,10 @@ def _grid_variance(campaign: Campaign, k: int, reading: ThreePoint) -> float:
     return float((2 * ratio * N**2 * reading.J_m) ** 2 * relative)
 
 
-def _possible_links(model: Model, alpha: Alpha) -> Consistency:
-    """Whether rigid bodies exist with the constants that the records determine; where they determine none, with CAD's."""
-    W, free, known = model.factoring.W[: model.d], model.factoring.free, alpha.determined
-    if not known.any():
-        return consistency(model.alpha_cad[: model.d], None, W, free)
-    return consistency(alpha.value[known], alpha.covariance[np.ix_(known, known)], W[known], free)
+def _possible_links(model: Model, alpha_all: Array, covariance: Array, unseen: Array) -> Consistency:
+    """Whether rigid bodies exist with the constants [D] along what the records show, and the nearest that have."""
+    found = nearest_links(model, alpha_all, covariance, unseen)
+    return Consistency(found.ok, found.distance, found.alpha, found.parameters.ravel(), found.status)
 
 
 def _notes(

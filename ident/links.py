@@ -17,7 +17,7 @@ from scipy.linalg import block_diag, null_space
 
 from ident.campaign import Array
 from ident.errors import IdentError
-from ident.physical import Block, cone_program, pseudo_inertia, semidefinite
+from ident.physical import DISTANCE_TOLERANCE, Block, cone_program, pseudo_inertia, semidefinite
 from symgen.plan import Model
 
 #: A link's pseudo-inertia, in units of CAD's, stays above this: bodies thinner than a thousandth of CAD's are none.
@@ -46,13 +46,15 @@ class Links:
     """Possible links: `parameters` [n, 10] in the order of `symgen.chain.PARAMETERS`, kg, kg m, kg m2 in link axes.
 
     `alpha` [D] are their constants; `exact` when these are the estimate, else they are `distance` standard deviations
-    from it in the directions that were seen (root of the Mahalanobis square; relative to |alpha| without a covariance).
+    from it in the directions that were seen (root of the Mahalanobis square; relative to |alpha| without a covariance),
+    and `ok` when that is nothing but rounding: only what was not seen had to give way.
     `divergence` [n] of each link from CAD, zero when equal. `status` says when a search stopped short.
     """
 
     parameters: Array
     alpha: Array
     exact: bool
+    ok: bool
     distance: float
     divergence: Array
     status: tuple[str, ...]
@@ -93,7 +95,8 @@ def nearest_links(model: Model, alpha: Array, covariance: Array | None = None, u
     divergence = np.trace(X, axis1=1, axis2=2) - np.linalg.slogdet(X)[1] - 4.0
     reached = np.array(alpha) if exact else arm.alpha @ x
     distance = 0.0 if exact else float(np.linalg.norm(metric @ (reached - alpha)))
-    return Links(found, reached, exact, distance, np.maximum(divergence, 0.0), tuple(status))
+    ok = not status and distance <= DISTANCE_TOLERANCE * float(np.linalg.norm(metric @ alpha))
+    return Links(found, reached, exact, ok, distance, np.maximum(divergence, 0.0), tuple(status))
 
 
 @dataclass(frozen=True)
