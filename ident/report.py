@@ -56,7 +56,11 @@ def result_document(identification: Identification) -> dict[str, Any]:
         "explained": r.explained,
         "problems": [asdict(problem) for problem in verdict.problems(r)],
         "not_identifiable": verdict.not_identifiable(r),
-        "physically_consistent": {"ok": r.consistency.ok, "distance": r.consistency.distance},
+        "physically_consistent": {
+            "ok": r.consistency.ok,
+            "distance": r.consistency.distance,
+            "alpha": r.consistency.nearest,
+        },
         "method": r.method,
         "inertia_vs_cad": _inertia_vs_cad(r),
         "validation": _validation(r),

@@ -125,14 +125,15 @@ def _impossible_bodies(found: Consistency, follows: bool) -> Problem:
     nearest = f"The nearest constants that bodies can have are {number(found.distance, 2)} standard deviations away."
     cause = "Some record carries a bias, or the URDF's geometry is wrong."
     if not serious:
-        cause = "Noise explains that: measure more, or take the nearest ones."
+        cause = "Noise explains that: measure more, or use them as they are."
     elif follows:
         cause = FIRST
     return Problem(
         serious,
         "No rigid bodies have these constants",
         " ".join((nearest, *found.status)),
-        f"Do not simulate or control with this matrix: it may lose positive definiteness. {cause}",
+        "The matrix of the estimate may lose positive definiteness, so J.casadi, identified.urdf and the other files of the "
+        f"robot hold the nearest ones. {cause}",
     )
 
 
