@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ident.commands import add as commands_of_a_machine
 from ident.errors import IdentError
 from symgen.errors import SymgenError
 
@@ -34,6 +35,7 @@ def _parser() -> argparse.ArgumentParser:
     def command(name: str, text: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=text, description=text)
         sub.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
+        sub.set_defaults(action=None)
         return sub
 
     simulate = command("simulate", "Run the planned campaign on the simulated robot and write the campaign file.")
@@ -73,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("result", metavar="OUT", help="directory that ident fit wrote, or its identified.json")
     export.add_argument("-o", dest="out", metavar="DIR", help="write the files here (default: beside identified.json)")
     paper.add_argument("robot", metavar="ROBOT_DIR", nargs="?", default="robots/ypp3", help="default robots/ypp3")
+    commands_of_a_machine(command)
     return parser
 
 
@@ -86,9 +89,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         _check(options)
-        return {"simulate": _simulate, "run": _run, "fit": _fit, "export": _export, "paper": _paper}[options.command](
-            options
-        )
+        actions = {"simulate": _simulate, "run": _run, "fit": _fit, "export": _export, "paper": _paper}
+        return (options.action or actions[options.command])(options)
     except (IdentError, SymgenError) as error:
         return _failed(str(error))
     except OSError as error:
@@ -116,7 +118,7 @@ def _check(options: argparse.Namespace) -> None:
     if getattr(options, "out", None) is None:
         return
     out = Path(options.out)
-    if options.command == "simulate":
+    if options.command in ("simulate", "import"):
         if out.is_dir():
             raise IdentError(f"-o {out}: a directory; expected a file to write")
         if not out.parent.is_dir():

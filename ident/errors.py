@@ -16,3 +16,7 @@ class CampaignError(IdentError):
 
 class ExperimentError(IdentError):
     """An experiment that cannot be run as asked: unstable lock, torque beyond the limit, posture outside the limits."""
+
+
+class ImportingError(IdentError):
+    """A measured record or a map that can not become a campaign: a missing variable, a unit, dropped samples, no period."""
