@@ -6,7 +6,7 @@ a stiffness, and J(q) couples the links. (1), (2) of the paper are one joint of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from ident.frf import Complex
 
 #: Aliases on each side in the response to a held torque. Those left out fall with the fourth power of frequency.
 ALIASES = 16
+#: Aliases on each side whose derivatives are computed, and one more for every fs that the highest mode lies above.
+NEAR_ALIASES = 1
 #: Interpolation of the aliases is finer than this share of them; nodes beyond `MOST_NODES`: every line is computed.
 ALIAS_ACCURACY, MOST_NODES = 1e-10, 24
 
@@ -76,48 +78,98 @@ class Sampling:
     hold: str
 
 
-def motion(arm: Posture, p: Parameters, sampling: Sampling, tau: Complex) -> Complex:
+@dataclass(frozen=True)
+class Extra:
+    """What acts on m live joints besides the elastic arm, at the lines [L] of a record; None: nothing.
+
+    `impedance` [L, 2m, 2m] adds to the dynamic stiffness of (theta / N, q); `torque_gain`, `angle_gain` [L, m] multiply
+    torques and measured angles; `on_motor`, `on_link` [L, m] are forces, joint side; `reading` [L, m, rad, motor side] adds
+    to the measured angles.
+    """
+
+    impedance: Complex | None = None
+    torque_gain: Complex | None = None
+    angle_gain: Complex | None = None
+    on_motor: Complex | None = None
+    on_link: Complex | None = None
+    reading: Complex | None = None
+
+
+NOTHING = Extra()
+
+
+def motion(arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, extra: Extra = NOTHING) -> Complex:
     """Returns the motor angles [L, m, c, rad] of torques `tau` [L, m, c, N m], motor side, at the lines of `sampling`.
 
-    Exact for a held torque but for the aliases beyond `ALIASES` and the accuracy of their interpolation.
+    Exact for a held torque but for the aliases beyond `ALIASES` and the accuracy of their interpolation. Of `extra` only
+    impedance and gains: forces belong to one column.
     """
-    return _motion(arm, p, sampling, tau, False)[0]
+    linear = replace(extra, on_motor=None, on_link=None, reading=None)
+    return _motion(arm, p, sampling, tau, linear, False)[0]
 
 
-def motion_and_derivatives(arm: Posture, p: Parameters, sampling: Sampling, tau: Complex) -> tuple[Complex, Complex]:
-    """Returns `motion` for one column of torques [L, m] and its derivatives [L, m, P] by `arm.columns`."""
-    theta, derivatives = _motion(arm, p, sampling, tau[..., None], True)
+def motion_and_derivatives(
+    arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, extra: Extra = NOTHING, derive: bool = True
+) -> tuple[Complex, Complex]:
+    """Returns the angles [L, m] for one column of torques [L, m] under `extra`, and their derivatives [L, m, P] by `arm.columns`.
+
+    Those leave out what the far aliases add (1e-5 of a derivative and less).
+    """
+    theta, derivatives = _motion(arm, p, sampling, tau[..., None], extra, derive)
     return theta[..., 0], derivatives
 
 
-def _motion(arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, derive: bool) -> tuple[Complex, Complex]:
+def _motion(
+    arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, extra: Extra, derive: bool
+) -> tuple[Complex, Complex]:
     """The continuous response at the line, plus all aliases; the derivatives [L, m, P] are those of column 0.
 
     A held torque is read as (1 - 1/z) / Ts sum_k H(s_k) / s_k over s_k = j (w + 2 pi k fs). What H is at high frequency,
     1 / (J_m s^2), is summed in closed form, the rest falls fast; at k != 0 it is smooth in w and interpolated.
     """
     s = 2j * np.pi * sampling.f
+    if extra.torque_gain is not None:
+        tau = tau * extra.torque_gain[..., None]
     if sampling.hold != "zoh":
-        return _continuous(arm, p, s, tau, derive)
-    Ts = 1.0 / sampling.fs
+        theta, derivatives = _continuous(arm, p, s, tau, derive, extra)
+    else:
+        theta, derivatives = _held(arm, p, sampling, tau, derive, extra)
+    if extra.angle_gain is not None:
+        theta, derivatives = theta * extra.angle_gain[..., None], derivatives * extra.angle_gain[..., None]
+    if extra.reading is not None:
+        theta = theta + extra.reading[..., None]
+    return theta, derivatives
+
+
+def _held(
+    arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, derive: bool, extra: Extra
+) -> tuple[Complex, Complex]:
+    """`_motion` of a torque held between samples."""
+    s, Ts, m = 2j * np.pi * sampling.f, 1.0 / sampling.fs, len(arm.live)
     rise = -np.expm1(-s * Ts) / Ts  # (1 - 1/z) / Ts
-    theta, derivatives = _continuous(arm, p, s, tau * (rise / s)[:, None, None], derive)
-    shift = 2j * np.pi * sampling.fs * np.delete(np.arange(-ALIASES, ALIASES + 1), ALIASES)
+    theta, derivatives = _continuous(arm, p, s, tau * (rise / s)[:, None, None], derive, extra)
+    orders = np.delete(np.arange(-ALIASES, ALIASES + 1), ALIASES)
+    shift: Complex = 2j * np.pi * sampling.fs * orders
     left_over = np.sum(1.0 / (s[:, None] + shift) ** 3, axis=1) + 1.0 / s**3
     zm = np.expm1(s * Ts)
     rigid = Ts**2 * (zm + 2.0) / (2.0 * zm**2) - rise * left_over
     held = tau * rigid[:, None, None] / p.J_m[arm.live][:, None]
 
-    nodes, interpolation = _nodes(sampling, _highest_mode(arm, p))
-    m = len(arm.live)
-    at = (2j * np.pi * nodes[:, None] + shift).ravel()
-    unit = np.asarray(np.eye(m) / at[:, None, None], dtype=complex)
-    H, dH = _continuous(arm, p, at, unit, derive)
+    highest = _highest_mode(arm, p)
+    nodes, interpolation = _nodes(sampling, highest)
+
+    def aliases(shifts: Complex, with_derivatives: bool) -> tuple[Complex, Complex]:
+        at = (2j * np.pi * nodes[:, None] + shifts).ravel()
+        unit = np.asarray(np.eye(m) / at[:, None, None], dtype=complex)
+        H, dH = _continuous(arm, p, at, unit, with_derivatives)
+        dH = dH.reshape(len(nodes), len(shifts), m, -1, m).sum(axis=1) if with_derivatives else dH
+        return H.reshape(len(nodes), -1, m * m).sum(axis=1), dH  # nodes, m m; nodes, m, P, m (input)
+
     scaled = tau * rise[:, None, None]
-    H = interpolation @ H.reshape(len(nodes), -1, m * m).sum(axis=1)
-    theta = theta + held + H.reshape(-1, m, m) @ scaled
+    theta = theta + held + (interpolation @ aliases(shift, False)[0]).reshape(-1, m, m) @ scaled
     if derive:
-        dH = dH.reshape(len(nodes), len(shift), m, -1, m).sum(axis=1)  # nodes, m, P, m (input)
+        near = np.abs(orders) <= NEAR_ALIASES + int(highest / sampling.fs)
+        dH = aliases(shift[near], True)[1]
         spread = interpolation[:, :, None] * scaled[:, None, :, 0]
         folded = spread.reshape(len(spread), -1) @ np.moveaxis(dH, 3, 1).reshape(len(nodes) * m, -1)
         derivatives = derivatives + folded.reshape(derivatives.shape)
@@ -126,27 +178,62 @@ def _motion(arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, deriv
     return theta, derivatives
 
 
-def _continuous(arm: Posture, p: Parameters, s: Complex, tau: Complex, derive: bool) -> tuple[Complex, Complex]:
+def links_of(
+    arm: Posture, p: Parameters, s: Complex, x: Complex, on_link: Complex, impedance: Complex | None
+) -> Complex:
+    """Returns the link angles q [S, m] where the motors move by x = theta / N [S, m] and forces `on_link` [S, m] act."""
+    _, Z_lm, Z_ll = _stiffness(arm, p, s, impedance)[1:]
+    q: Complex = np.linalg.solve(Z_ll, (on_link - (Z_lm @ x[..., None])[..., 0])[..., None])[..., 0]
+    return q
+
+
+def _stiffness(
+    arm: Posture, p: Parameters, s: Complex, impedance: Complex | None
+) -> tuple[Complex, Complex, Complex, Complex]:
+    """Returns the blocks [S, m, m] of the dynamic stiffness: motors, motors by links, links by motors, links."""
+    live, N, m = arm.live, arm.N, len(arm.live)
+    K, J_m, D, D_spring = (values[live] for values in (p.K, p.J_m, p.D, p.D_spring))
+    i, sc = np.arange(m), s[:, None]
+    spring = K + sc * D_spring
+    Z_ll = sc[..., None] ** 2 * arm.J(p) + arm.K_rows @ p.gravity
+    Z_ll[:, i, i] += spring
+    Z_mm, Z_ml = np.zeros_like(Z_ll), np.zeros_like(Z_ll)
+    Z_mm[:, i, i] = sc**2 * N**2 * J_m + sc * N**2 * D + spring
+    Z_ml[:, i, i] = -spring
+    if impedance is None:
+        return Z_mm, Z_ml, Z_ml, Z_ll
+    return (
+        Z_mm + impedance[:, :m, :m],
+        Z_ml + impedance[:, :m, m:],
+        Z_ml + impedance[:, m:, :m],
+        Z_ll + impedance[:, m:, m:],
+    )
+
+
+def _continuous(
+    arm: Posture, p: Parameters, s: Complex, tau: Complex, derive: bool, extra: Extra = NOTHING
+) -> tuple[Complex, Complex]:
     """Returns the motor angles [S, m, c] at s [S] of torques [S, m, c], and their derivatives: [S, m, P] for one column,
     else [S, m, P, c]."""
     live, N, m = arm.live, arm.N, len(arm.live)
     K, J_m, D, D_spring = (values[live] for values in (p.K, p.J_m, p.D, p.D_spring))
-    i = np.arange(m)
-    sc = s[:, None]
-    spring = K + sc * D_spring
-    link = sc[..., None] ** 2 * arm.J(p) + arm.K_rows @ p.gravity
-    link[:, i, i] += spring
-    yielding = np.linalg.inv(link)
-    core = -spring[:, :, None] * yielding * spring[:, None, :]
-    core[:, i, i] += sc**2 * N**2 * J_m + sc * N**2 * D + spring
-    core = N[:, None] * np.linalg.inv(core)  # angle of the motors per force on the motors, joint side
-    carried = yielding * spring[:, None, :]  # q per theta / N
-    x = (core / N[:, None]) @ (N[:, None] * tau)
-    theta: Complex = N[:, None] * x
+    Z_mm, Z_ml, Z_lm, Z_ll = _stiffness(arm, p, s, extra.impedance)
+    yielding = np.linalg.inv(Z_ll)
+    carried = -yielding @ Z_lm  # q per theta / N
+    core = N[:, None] * np.linalg.inv(Z_mm + Z_ml @ carried)  # angle of the motors per force on the motors, joint side
+    across = -core @ Z_ml @ yielding  # angle of the motors per force on the links
+    on_motor = N[:, None] * tau
+    if extra.on_motor is not None:
+        on_motor = on_motor + extra.on_motor[..., None]
+    theta = core @ on_motor
+    if extra.on_link is not None:
+        theta = theta + across @ extra.on_link[..., None]
     if not derive:
         return theta, np.zeros((len(s), m, 0), dtype=complex)
+    x = theta / N[:, None]
     q = carried @ x
-    across = core @ np.swapaxes(carried, 1, 2)  # angle of the motors per force on the links
+    if extra.on_link is not None:
+        q = q + yielding @ extra.on_link[..., None]
     J_rows, K_rows = (np.moveaxis(rows, 1, 0).reshape(m, -1) for rows in (arm.J_rows, arm.K_rows))
     forces = np.concatenate(
         [

@@ -1,10 +1,7 @@
 """All records and all motors in one fit: J(q), drives and gravity stiffness of an arm whose locks are not rigid.
 
 A motor that holds still does not hold its link still: the spring between them gives, and the response of the excited
-joint shows the whole arm. So the arm is fitted as a whole (`arm_model`): maximum likelihood in the frequency domain,
-residual theta - G tau of every motor, weighted by the noise found between the lines (R. Pintelon, J. Schoukens, System
-Identification: A Frequency Domain Approach, 2nd ed., Wiley 2012, chapters 9 and 12). Levenberg-Marquardt with analytic
-derivatives; the weights, which depend on G, are made again until nothing changes.
+joint shows the whole arm. So the arm is fitted as a whole (`arm_model`, `arm_fit`), from start values that need nobody.
 """
 
 from __future__ import annotations
@@ -13,14 +10,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import nnls
 
-from ident.arm_model import Parameters, Posture, Sampling, motion, motion_and_derivatives
+from ident.arm_fit import (
+    UNSEEN_INFORMATION, Evidence, Minimum, Problem, evidence, gravity_basis, minimise, posture_at, residual, scale_of, spectrum,
+)  # fmt: skip
+from ident.arm_model import Parameters, Posture
 from ident.campaign import Array, Campaign
+from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.fit import UNTOLD, chi2_limit, two_mass
-from ident.frf import BINS, ORDER, ROUNDING, Complex, Frf, moving_average
+from ident.frf import Complex, Frf
 from ident.start import START_DAMPING
 from symgen.plan import Model
 
@@ -28,27 +27,12 @@ from symgen.plan import Model
 DRIVES = ("K", "J_m", "D", "D_spring")
 #: Where a drive is not declared and nothing was fitted: only a start value, for a motor of a few hundred watts.
 PLAIN_DRIVE = (5e3, 3e-5)
-#: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
-SMALL_STEP = 0.01
-OUTER, INNER, TRIALS = 6, 30, 8
 #: Relative errors the model is granted on the way from its start, so that no few clear lines pull it into a corner.
 DOUBTS = (1.0, 0.1)
-#: Progress below this share of chi^2 ends the way there.
-ROUGHLY = 0.01
-#: The model is computed to about this accuracy of an angle: no noise is taken to be smaller.
-MODEL_ACCURACY = 1e-8
-#: A direction of the parameters with less information than this was not seen: its deviation is over ten times its size.
-UNSEEN_INFORMATION = 1e-2
-#: Relative rounding error of an information matrix.
-INFORMATION_ROUNDING = 1e-13
 #: Factors on all K from which a fit is tried again that does not explain its data.
 SCALES = (0.6, 1.6, 0.35, 2.8)
 #: Two starts that end at chi^2 as close as this found the same minimum.
 SAME_MINIMUM = 1e-3
-#: Lines over which the first guess of the noise power is smoothed, and the passes that replace it by its model.
-SMOOTHED, NOISE_PASSES = 15, 3
-#: Random postures that show what the gravity stiffness depends on.
-PROBES = 200
 
 
 @dataclass(frozen=True)
@@ -89,40 +73,6 @@ class CoupledFit:
 Start = Parameters
 
 
-@dataclass(frozen=True)
-class _Data:
-    """One record: the joints that move, at the usable lines. `noise` [R, L, 2 m] samples of (tau, theta)."""
-
-    arm: Posture
-    sampling: Sampling
-    tau: Complex
-    theta: Complex
-    noise: Complex
-    floor: Array
-    noise_dof: float
-
-
-@dataclass(frozen=True)
-class _Problem:
-    """All records of an n-joint arm with D constants alpha; a step of `scale` [P] is a large one."""
-
-    data: tuple[_Data, ...]
-    n: int
-    D: int
-    scale: Array
-
-    def parameters(self, vector: Array) -> Parameters:
-        return Parameters.of(vector, self.n, self.D)
-
-
-@dataclass(frozen=True)
-class _Minimum:
-    vector: Array
-    information: Array
-    chi2: float
-    converged: bool
-
-
 def fit_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], start: Start | None = None) -> CoupledFit:
     """Returns the arm that explains all `responses` of `campaign` best; `responses` [records] in their order.
 
@@ -133,14 +83,14 @@ def fit_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], star
     if not responses:
         raise IdentError("no records to fit; expected at least one")
     basis = gravity_basis(model, campaign.gravity)
-    data = tuple(_data(campaign, model, basis, frf) for frf in responses)
+    odd = all(np.all(record.lines % 2) for record in campaign.records)  # terms of second order act at even lines only
+    lines = "usable" if odd else "every"
+    data = tuple(evidence(campaign, model, basis, frf, k, lines) for k, frf in enumerate(responses))
     best, before = None, np.inf
-    lines = sum(one.theta.size for one in data)
     for guess, doubts in _starts(campaign, model, responses, basis, start):
-        problem = _Problem(data, campaign.n, len(model.names), _scale(guess))
-        found = _minimise(problem, guess.vector(), doubts)
-        dof = 2 * lines - _seen(problem, found.information)
-        limit = _limit(data, dof)
+        problem = problem_of(campaign, model, basis, data, guess)
+        found = minimise(problem, guess.vector(), doubts)
+        dof, limit = degrees_of_freedom(problem, found)
         again = abs(found.chi2 - before) < SAME_MINIMUM * found.chi2
         if best is None or found.chi2 < best[1].chi2:
             best = (problem, found, dof, limit)
@@ -148,50 +98,36 @@ def fit_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], star
             break
         before = best[1].chi2
     assert best is not None
-    return _result(campaign, model, responses, basis, *best)
+    return _result(campaign, model, responses, *best)
 
 
-def gravity_basis(model: Model, gravity: Array) -> Array:
-    """Returns the orthonormal rows [r, 10 n] with which the gravity stiffness is a function of `basis` . phi."""
-    q = model.random_postures(PROBES, np.random.default_rng(0))
-    rows = model.gravity_stiffness_rows(q, gravity).reshape(-1, 10 * model.chain.n)
-    _, singular, V = np.linalg.svd(rows, full_matrices=False)
-    return V[: int(np.sum(singular > 1e-9 * max(singular[0], 1e-9)))]
+def problem_of(
+    campaign: Campaign, model: Model, basis: Array, data: tuple[Evidence, ...], start: Parameters,
+    effects: Sequence[Effect] = (), scales: Sequence[float] = (), bounds: Sequence[tuple[float, float]] = (),
+) -> Problem:  # fmt: skip
+    """Returns the fit of `data` from `start`, with `effects` whose values have `scales` and `bounds`, one each."""
+    scale = np.concatenate([scale_of(start), np.asarray(scales, dtype=float)])
+    low, high = np.full(len(scale), -np.inf), np.full(len(scale), np.inf)
+    if len(bounds):
+        low[-len(bounds) :], high[-len(bounds) :] = np.array(bounds).T
 
+    def posture_of(one: Evidence, q: Array) -> Posture:
+        return posture_at(campaign, model, basis, one.scene.arm.live, q)
 
-def _data(campaign: Campaign, model: Model, basis: Array, frf: Frf) -> _Data:
-    use, live = frf.usable, _live(frf)
-    if not use.any():
-        raise IdentError(f"record {frf.record}: no line is usable; expected torque of {frf.joint} above its noise")
-    square = np.ix_(live, live)
-    K_rows = model.gravity_stiffness_rows(frf.posture, campaign.gravity) @ basis.T
-    arm = Posture(live, campaign.N[live], model.J_rows(frf.posture)[square], K_rows[square])
-    noise = frf.noise[:, use][:, :, np.concatenate([live, frf.n + live])]
-    one = 2.0 * (BINS - ORDER)
-    share = (frf.dof / one - 1.0) / (frf.width - 1) if frf.width > 1 else 1.0
-    return _Data(
-        arm, Sampling(frf.frequencies[use], campaign.fs, campaign.hold), frf.tau[use][:, live], frf.theta[use][:, live],
-        noise, frf.floor[live], one / 2.0 * (1.0 + (int(use.sum()) - 1) * share),
+    return Problem(
+        data, campaign.n, len(start.alpha), len(start.gravity), tuple(effects), scale, low, high,
+        np.ones(len(scale), dtype=bool), posture_of,
     )  # fmt: skip
 
 
-def _live(frf: Frf) -> NDArray[np.int64]:
-    """Returns the joints that take part: all but those whose torque is constant and whose angle shows a flicker at most."""
-    n = frf.n
-    power = np.mean(np.abs(np.hstack([frf.tau, frf.theta])) ** 2, axis=0) + np.mean(np.abs(frf.noise) ** 2, axis=(0, 1))
-    still = np.concatenate([np.zeros(n), 16.0 * frf.floor]) + ROUNDING**2 * np.repeat(
-        power[[frf.index, n + frf.index]], n
-    )
-    clamped = (power <= still).reshape(2, n).all(axis=0)
-    clamped[frf.index] = False
-    return np.flatnonzero(~clamped)
-
-
-def _scale(start: Start) -> Array:
-    """Returns what a large step is [P]: a factor e of a drive, the size of an alpha or first moment (1 % of the largest)."""
-    drives = np.ones(4 * len(start.K))
-    sizes = [np.maximum(np.abs(x), 1e-2 * np.abs(x).max(initial=1e-9)) for x in (start.alpha, start.gravity)]
-    return np.concatenate([drives, *sizes])
+def degrees_of_freedom(problem: Problem, found: Minimum) -> tuple[int, float]:
+    """Returns the degrees of freedom of chi^2, and the chi^2 per degree that noise alone rarely exceeds: noise powers are
+    shared by all lines."""
+    lines = sum(one.scene.theta.size for one in problem.data)
+    dof = 2 * lines - int(spectrum(found.information)[2].sum())
+    width = int(np.mean([len(one.sampling.f) for one in problem.data]))
+    noise_dof = float(np.mean([max(one.noise_dof, 5.0) for one in problem.data]))
+    return dof, chi2_limit(lines, dof, noise_dof, width)
 
 
 def _starts(
@@ -239,126 +175,18 @@ def _two_mass_drives(campaign: Campaign, responses: Sequence[Frf]) -> tuple[Arra
     return found[0], found[1]
 
 
-def _minimise(problem: _Problem, vector: Array, doubts: Sequence[float]) -> _Minimum:
-    """Levenberg-Marquardt, weights made anew at every minimum until that moves nothing; first with `doubts`."""
-    converged = False
-    for doubt in (*doubts, *[0.0] * OUTER):
-        weights = [_whitening(one, problem.parameters(vector), doubt) for one in problem.data]
-        chi2, slope, information = _normal_equations(problem, vector, weights)
-        begin, settled, damping = vector, False, 1e-3
-        for _ in range(INNER):
-            for _ in range(TRIALS):
-                step = _step(slope, information, damping)
-                trial = vector + problem.scale * step
-                cost = _chi2(problem, trial, weights)
-                if cost <= chi2:
-                    break
-                damping *= 5.0
-            else:
-                settled = bool(-step @ slope < SMALL_STEP)
-                break
-            damping = max(damping / 5.0, 1e-12)
-            vector, moved, before = trial, float(step @ information @ step), chi2
-            chi2, slope, information = _normal_equations(problem, vector, weights)
-            if moved < SMALL_STEP**2 or (doubt and before - chi2 < ROUGHLY * before):
-                settled = True
-                break
-        shift = (vector - begin) / problem.scale
-        if not doubt and settled and shift @ information @ shift < (10.0 * SMALL_STEP) ** 2:
-            converged = True
-            break
-    return _Minimum(vector, information, chi2, converged)
-
-
-def _step(slope: Array, information: Array, damping: float) -> Array:
-    """Returns the damped step, no component beyond 1."""
-    size = np.sqrt(np.diag(information))
-    size[size == 0.0] = 1.0
-    matrix = information / size / size[:, None] + damping * np.eye(len(slope))
-    return np.clip(-np.linalg.solve(matrix, slope / size) / size, -1.0, 1.0)
-
-
-def _chi2(problem: _Problem, vector: Array, weights: Sequence[Complex]) -> float:
-    p = problem.parameters(vector)
-    total = 0.0
-    with np.errstate(all="ignore"):  # a trial step beyond numbers is refused for its size
-        for one, W in zip(problem.data, weights, strict=True):
-            if np.linalg.eigvalsh(one.arm.J(p))[0] <= 0.0:
-                return float(np.inf)
-            theta = motion(one.arm, p, one.sampling, one.tau[..., None])
-            total += 2.0 * float(np.sum(np.abs(W @ (one.theta[..., None] - theta)) ** 2))
-    return total if np.isfinite(total) else np.inf
-
-
-def _normal_equations(problem: _Problem, vector: Array, weights: Sequence[Complex]) -> tuple[float, Array, Array]:
-    """Returns chi^2, half its gradient [P] and half its Gauss-Newton Hessian [P, P] per step of `scale`: the information."""
-    p, P = problem.parameters(vector), len(vector)
-    chi2, slope, information = 0.0, np.zeros(P), np.zeros((P, P))
-    for one, W in zip(problem.data, weights, strict=True):
-        columns = one.arm.columns(problem.n)
-        theta, derivatives = motion_and_derivatives(one.arm, p, one.sampling, one.tau)
-        A = -(W @ (derivatives * problem.scale[columns])).reshape(-1, len(columns))
-        r = (W @ (one.theta - theta)[..., None]).ravel()
-        chi2 += 2.0 * float(np.vdot(r, r).real)
-        slope[columns] += 2.0 * (A.conj().T @ r).real
-        real = np.concatenate([A.real, A.imag])
-        information[np.ix_(columns, columns)] += 2.0 * (real.T @ real)
-    return chi2, slope, information
-
-
-def _whitening(one: _Data, p: Parameters, doubt: float) -> Complex:
-    """Returns W [L, m, m] that makes the error of theta - G tau white, of unit variance: torque noise through G, and angle
-    noise.
-
-    Each joint's two noise powers are constant over the band; fitted to the samples between the lines, weighted by their
-    own prediction (maximum likelihood, P. Whittle), and not below quantisation. `doubt` is the error the model is granted,
-    relative to each angle.
-    """
-    m, L = len(one.arm.live), len(one.sampling.f)
-    G = motion(one.arm, p, one.sampling, np.broadcast_to(np.eye(m, dtype=complex), (L, m, m)))
-    error = one.noise[:, :, m:] - np.einsum("lij,rlj->rli", G, one.noise[:, :, :m])
-    power = np.mean(np.abs(error) ** 2, axis=0)
-    least = np.maximum(
-        one.floor, (MODEL_ACCURACY * (np.abs(one.theta) / one.arm.N).max(axis=1)[:, None] * one.arm.N) ** 2
-    )
-    rows = np.concatenate([np.abs(G) ** 2, np.broadcast_to(np.eye(m), (L, m, m))], axis=2)
-    predicted, powers = moving_average(power, min(SMOOTHED, L)), np.zeros(2 * m)
-    for _ in range(NOISE_PASSES):
-        weight = 1.0 / np.maximum(predicted, least)
-        X = (rows * weight[..., None]).reshape(L * m, 2 * m)
-        size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-        powers = nnls(X / size, (power * weight).ravel())[0] / size
-        predicted = rows @ powers
-    covariance: Complex = np.einsum("lij,j,lkj->lik", G, powers[:m], G.conj())
-    i = np.arange(m)
-    covariance[:, i, i] += np.maximum(powers[m:], least) + (doubt * np.abs(one.theta)) ** 2
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=complex)
-
-
-def _spectrum(information: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Returns eigenvalues [P], eigenvectors [P, P] of the information, and which of them were seen."""
-    values, vectors = np.linalg.eigh(information)
-    return values, vectors, values > max(UNSEEN_INFORMATION, INFORMATION_ROUNDING * values[-1])
-
-
-def _seen(problem: _Problem, information: Array) -> int:
-    return int(_spectrum(information)[2].sum())
-
-
-def _limit(data: Sequence[_Data], dof: int) -> float:
-    """Returns the chi^2 per degree of freedom that noise alone rarely exceeds; noise powers are shared by all lines."""
-    lines = sum(one.theta.size for one in data)
-    width = int(np.mean([len(one.sampling.f) for one in data]))
-    return chi2_limit(lines, dof, float(np.mean([max(one.noise_dof, 5.0) for one in data])), width)
-
-
 def _result(
-    campaign: Campaign, model: Model, responses: Sequence[Frf], basis: Array, problem: _Problem, found: _Minimum, dof: int,
-    limit: float,
-) -> CoupledFit:  # fmt: skip
+    campaign: Campaign, model: Model, responses: Sequence[Frf], problem: Problem, found: Minimum, dof: int, limit: float
+) -> CoupledFit:
+    """The fit as its users see it; predictions at the lines that were too noisy to fit, too."""
     n, D = problem.n, problem.D
+    basis = gravity_basis(model, campaign.gravity)
+    shown = [
+        one if one.scene.slopes else evidence(campaign, model, basis, frf, one.index, "excited")
+        for one, frf in zip(problem.data, responses, strict=True)
+    ]
     p = problem.parameters(found.vector)
-    values, vectors, seen = _spectrum(found.information)
+    values, vectors, seen = spectrum(found.information)
     lifted = np.where(seen, values, UNSEEN_INFORMATION**2)
     covariance = (vectors / lifted) @ vectors.T
     a = slice(4 * n, 4 * n + D)
@@ -368,18 +196,20 @@ def _result(
     chi2 = found.chi2 / dof
     fit = CoupledFit(
         p.alpha, covariance[a, a] * np.outer(problem.scale[a], problem.scale[a]), unseen, p.K, p.J_m, p.D, p.D_spring,
-        std[: 4 * n].reshape(4, n) * np.stack([p.K, p.J_m, p.D, p.D_spring]), p.gravity, std[4 * n + D :], chi2, dof,
-        limit, chi2 <= limit, found.converged, (), _predictions(campaign, problem, p, responses),
+        std[: 4 * n].reshape(4, n) * np.stack([p.K, p.J_m, p.D, p.D_spring]), p.gravity, std[4 * n + D : problem.base],
+        chi2, dof, limit, chi2 <= limit, found.converged, (), _predictions(problem, found.vector, shown, responses),
     )  # fmt: skip
     return replace(fit, status=_status(fit, campaign, model))
 
 
-def _predictions(campaign: Campaign, problem: _Problem, p: Parameters, responses: Sequence[Frf]) -> tuple[Complex, ...]:
+def _predictions(
+    problem: Problem, vector: Array, data: Sequence[Evidence], responses: Sequence[Frf]
+) -> tuple[Complex, ...]:
+    """What the arm at `vector` answers at the excited lines [L, n] of every record."""
     predictions = []
-    for one, frf in zip(problem.data, responses, strict=True):
+    for one, frf in zip(data, responses, strict=True):
         theta = np.zeros_like(frf.theta)
-        sampling = Sampling(frf.frequencies, campaign.fs, campaign.hold)
-        theta[:, one.arm.live] = motion(one.arm, p, sampling, frf.tau[:, one.arm.live, None])[..., 0]
+        theta[:, one.scene.arm.live] = (one.scene.theta - residual(problem, vector, one)[0])[one.is_excited]
         theta.setflags(write=False)
         predictions.append(theta)
     return tuple(predictions)

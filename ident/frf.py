@@ -71,6 +71,28 @@ class Detection:
 
 
 @dataclass(frozen=True)
+class Spectra:
+    """One record at every line of its band, excited or not; amplitudes as in `Frf`.
+
+    `lines` [F] harmonics of `f0` [Hz], `excited` [F]; `tau`, `theta` [F, n], `noise` [R, F, 2n] as in `Frf`; `mean_tau` [n, N m] and
+    `mean_theta` [n, rad] motor side, over the kept periods.
+    """
+
+    lines: NDArray[np.int64]
+    f0: float
+    excited: NDArray[np.bool_]
+    tau: Complex
+    theta: Complex
+    noise: Complex
+    mean_tau: Array
+    mean_theta: Array
+
+    @property
+    def frequencies(self) -> Array:
+        return np.asarray(self.lines * self.f0, dtype=float)
+
+
+@dataclass(frozen=True)
 class Frf:
     """One record as spectra at the excited lines; amplitudes are peak values, rad and N m, motor side.
 
@@ -80,7 +102,8 @@ class Frf:
     `first` is the first settled period of the record, `periods` the number kept, `floor` [n, rad^2] the quantisation
     variance of a line of theta, `step` [n, rad] the encoder step found in the data, `drift` [n, rad] how far each
     joint's mean moved from the first to the last kept period, `offset` [n, rad] mean link posture minus declared one
-    (drift and offset joint side; m for prismatic joints). `status` is empty when all is well.
+    (drift and offset joint side; m for prismatic joints). `status` is empty when all is well. `band` has the lines that were
+    not excited too.
     """
 
     record: str
@@ -102,6 +125,7 @@ class Frf:
     drift: Array
     offset: Array
     status: tuple[str, ...]
+    band: Spectra | None = None
 
     @property
     def n(self) -> int:
@@ -179,9 +203,13 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     status = [] if settled else [_unsettled(record, first)]
     status += _posture_status(record, campaign, drift, offset)
     detection = _detect(band, excited, mean[:, n:], noise[:, :, n:], record)
+    whole = Spectra(
+        band, record.f0, excited, _fixed(mean[:, :n]), _fixed(mean[:, n:]), _fixed(noise),
+        rest.mean(axis=0)[:n], rest.mean(axis=0)[n:],
+    )  # fmt: skip
     return Frf(
         record.id, record.excited, joint, record.posture, _hertz(lines, record), tau, theta, _fixed(noise[:, excited]),
-        variance, dof, width, first, M, step, floor, detection, drift, offset, tuple(status),
+        variance, dof, width, first, M, step, floor, detection, drift, offset, tuple(status), whole,
     )  # fmt: skip
 
 

@@ -10,10 +10,11 @@ import pytest
 from scipy.stats import chi2
 from synthetic import ENCODER, FS, Arm, campaign, record
 
+from ident.arm_fit import gravity_basis
 from ident.arm_model import Parameters, Posture, Sampling, motion, motion_and_derivatives
 from ident.bench import simulate
 from ident.campaign import Campaign
-from ident.coupled import CoupledFit, Start, fit_coupled, gravity_basis
+from ident.coupled import CoupledFit, Start, fit_coupled
 from ident.errors import IdentError
 from ident.fit import two_mass
 from ident.frf import estimate
@@ -116,9 +117,11 @@ def test_exact_responses_give_the_exact_arm(model: Model) -> None:
     exact = []
     for one in data.records:
         frf = estimate(one, data)
-        G = linear_arm(model, list(one.posture)).response(frf.frequencies)
-        theta = (G @ frf.tau[:, :, None])[:, :, 0]
-        exact.append(replace(frf, theta=theta, noise=np.zeros_like(frf.noise), floor=np.zeros(2)))
+        assert frf.band is not None
+        G = linear_arm(model, list(one.posture)).response(frf.band.frequencies)
+        theta = (G @ frf.band.tau[:, :, None])[:, :, 0]
+        band = replace(frf.band, theta=theta, noise=np.zeros_like(frf.band.noise))
+        exact.append(replace(frf, band=band, floor=np.zeros(2)))
     arm = linear_arm(model, POSTURES[0])
     beta = gravity_basis(model, GRAVITY) @ model.chain.parameters
     alpha = model.alpha_cad * np.resize([1.2, 0.8], len(model.names))

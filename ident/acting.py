@@ -1,0 +1,177 @@
+"""What acts on an arm besides its elastic joints, in one record: effects, and the rigid-body terms of second order.
+
+The forces of an effect follow from how its port moves, and that is measured: motor angles directly; spring torques from
+the motors' own equation, links by what those torques do to them. So a force is a known signal, whatever it depends on,
+and the arm stays linear under it. Nothing is integrated, no steady state is searched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.arm_model import Extra, Parameters, Posture, links_of
+from ident.campaign import Array
+from ident.effects.base import Effect, Known, Motion
+from ident.excitation import synthesise
+from ident.frf import Complex
+
+#: Samples a period per line of the band: laws with kinks need more than Nyquist's two.
+OVERSAMPLED = 4
+#: Links are read from the springs' torques above this share of the lowest mode with the motors held, from the motors' angles below.
+CROSSOVER = 0.5
+#: Times the forces are computed from the links that they move.
+PASSES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """One record as effects see it: m live of n joints at lines `lines` [L] of f0 [Hz], measured `tau`, `theta` [L, m].
+
+    `means` [2, n] of torques [N m] and motor angles [rad] and `posture` [n] are those of all joints. `slopes` are
+    (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by.
+    """
+
+    arm: Posture
+    n: int
+    lines: NDArray[np.int64]
+    f0: float
+    fs: float
+    tau: Complex
+    theta: Complex
+    means: Array
+    posture: Array
+    N: Array
+    slopes: tuple[Array, Array] | None = None
+
+    @cached_property
+    def samples(self) -> int:
+        return int(2 ** np.ceil(np.log2(OVERSAMPLED * (self.lines[-1] + 1))))
+
+    @cached_property
+    def s(self) -> Complex:
+        return np.asarray(2j * np.pi * self.f0 * self.lines)
+
+    def in_time(self, spectrum: Complex) -> Array:
+        """One period [S, ..] of what has these amplitudes [L, ..] at the lines."""
+        return synthesise(self.lines, spectrum, self.samples)
+
+    def at_lines(self, signal: Array) -> Complex:
+        """The amplitudes [L, ..] of one period [S, ..]."""
+        return np.asarray(np.fft.rfft(signal, axis=0)[self.lines] * (2.0 / self.samples))
+
+
+def known(scene: Scene, p: Parameters, base_inertia: Array | None = None) -> Known:
+    """The arm as effects know it: J of the live joints, zero rows for the others."""
+    J = np.zeros((scene.n, scene.n))
+    J[np.ix_(scene.arm.live, scene.arm.live)] = scene.arm.J(p)
+    return Known(scene.N, p.K, p.J_m, p.D, p.D_spring, J, scene.posture, scene.fs, base_inertia)
+
+
+def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect], base_inertia: Array | None = None) -> Extra:
+    """Impedances and gains of `effects` at the lines."""
+    live, n, s = scene.arm.live, scene.n, scene.s
+    arm = known(scene, p, base_inertia)
+    both = np.concatenate([live, n + live])
+    impedances = [Z[:, both[:, None], both] for e in effects if (Z := e.impedance(s, arm)) is not None]
+    torque = [g[:, live] for e in effects if (g := e.torque_gain(s, arm)) is not None]
+    angle = [g[:, live] for e in effects if (g := e.angle_gain(s, arm)) is not None]
+    return Extra(
+        sum(impedances[1:], impedances[0]) if impedances else None,
+        np.prod(torque, axis=0) if torque else None,
+        np.prod(angle, axis=0) if angle else None,
+    )
+
+
+def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], base_inertia: Array | None = None) -> Extra:
+    """Everything in `effects` and, where `slopes` are given, the rigid-body terms, at the lines of the record."""
+    linear = linear_extra(scene, p, effects, base_inertia)
+    if scene.slopes is None and not any(_has_forces(e) for e in effects):
+        return linear
+    on_motor, on_link, reading = _forces(scene, p, effects, linear)[:3]
+    return Extra(linear.impedance, linear.torque_gain, linear.angle_gain, on_motor, on_link, reading)
+
+
+def motion_of(scene: Scene, p: Parameters, effects: Sequence[Effect] = ()) -> Motion:
+    """How the arm moved in this record, by what was measured and the effects known so far."""
+    return _forces(scene, p, effects, linear_extra(scene, p, effects))[3]
+
+
+def _has_forces(effect: Effect) -> bool:
+    kind = type(effect)
+    return kind.force is not Effect.force or kind.reading is not Effect.reading
+
+
+def _forces(
+    scene: Scene, p: Parameters, effects: Sequence[Effect], linear: Extra
+) -> tuple[Complex, Complex, Complex, Motion]:
+    """Forces on motors and links and errors of the angles [L, m], and the motion they follow from."""
+    place = {int(j): k for k, j in enumerate(scene.arm.live)}
+    forceful = [e for e in effects if _has_forces(e) and e.joint in place]
+    on = {port: np.zeros(scene.theta.shape, dtype=complex) for port in ("motor", "spring", "link", "reading")}
+    moved = _motion(scene, p, linear, on)
+    for _ in range(PASSES if forceful else 1):
+        on = {port: np.zeros_like(forces) for port, forces in on.items()}
+        for e in forceful:
+            k = place[e.joint or 0]
+            if (law := e.force(moved)) is not None:
+                port = e.port if e.port in ("motor", "spring") else "motor" if e.port == "sensor" else "link"
+                on[port][:, k] += scene.at_lines(law) * (scene.arm.N[k] if port == "motor" else 1.0)
+            if (error := e.reading(moved)) is not None:
+                on["reading"][:, k] += scene.at_lines(error)
+        if scene.slopes is not None:
+            on["link"] += scene.at_lines(_second_order(scene, p, moved))
+        if forceful:
+            moved = _motion(scene, p, linear, on)
+    return on["motor"] - on["spring"], on["link"] + on["spring"], on["reading"], moved
+
+
+def _motion(scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex]) -> Motion:
+    """The motion of all joints, from the measured angles and torques under the forces found so far (joint side)."""
+    arm, live, s = scene.arm, scene.arm.live, scene.s[:, None]
+    N, K, m = arm.N, p.K[live], len(live)
+    theta = scene.theta - on["reading"]
+    theta = theta if linear.angle_gain is None else theta / linear.angle_gain
+    tau = scene.tau if linear.torque_gain is None else scene.tau * linear.torque_gain
+    x, added = theta / N, linear.impedance
+    q = links_of(arm, p, scene.s, x, on["link"] + on["spring"], added)
+    spring = N * tau + on["motor"] - (s**2 * (N**2 * p.J_m[live]) + s * (N**2 * p.D[live])) * x
+    J, K_g = arm.J(p), arm.K_rows @ p.gravity
+    free = (s**2)[..., None] * J + K_g
+    if added is not None:
+        spring = spring - (added[:, :m] @ np.concatenate([x, q], axis=1)[..., None])[..., 0]
+        free = free + added[:, m:, m:]
+    by_torque = np.linalg.solve(free, (spring + on["link"])[..., None])[..., 0]
+    lowest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(J, np.diag(K) + K_g)).real).min()) / (2 * np.pi)
+    blend = 1.0 / (1.0 + (scene.f0 * scene.lines / (CROSSOVER * lowest)) ** 4)
+    q = blend[:, None] * q + (1.0 - blend[:, None]) * by_torque
+
+    stack = np.stack([theta, s * theta, tau, q, s * q, x - q, s * (x - q), spring], axis=1)
+    periods = scene.in_time(stack).transpose(1, 0, 2)  # 8, S, m
+    mean_tau, mean_theta = scene.means
+    twist, none = scene.N * mean_tau / p.K, np.zeros(scene.n)
+    means = [mean_theta, none, mean_tau, mean_theta / scene.N - twist, none, twist, none, scene.N * mean_tau]
+    whole = []
+    for mean, period in zip(means, periods, strict=True):
+        signal = np.tile(mean, (scene.samples, 1))
+        signal[:, live] += period
+        whole.append(signal)
+    return Motion(1.0 / (scene.f0 * scene.samples), scene.N, *whole)
+
+
+def _second_order(scene: Scene, p: Parameters, moved: Motion) -> Array:
+    """Forces [S, m] on the links of second order in the motion: Coriolis, centrifugal, and what J and gravity change by."""
+    assert scene.slopes is not None
+    live = scene.arm.live
+    dJ, dK = scene.slopes[0] @ p.alpha, scene.slopes[1] @ p.gravity  # [k, i, j]
+    q = moved.q[:, live] - moved.q[:, live].mean(axis=0)
+    v = moved.q_rate[:, live]
+    a = scene.in_time(scene.s[:, None] * scene.at_lines(v))
+    force = np.einsum("kij,sk,sj->si", dJ, q, a) + np.einsum("kij,sk,sj->si", dJ, v, v)
+    force -= 0.5 * np.einsum("ijk,sj,sk->si", dJ, v, v)
+    force += 0.5 * np.einsum("kij,sk,sj->si", dK, q, q)
+    return -force

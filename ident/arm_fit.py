@@ -1,0 +1,297 @@
+"""Maximum likelihood for a whole arm over all its records: residual theta - G tau of every motor, whitened, minimised.
+
+Levenberg-Marquardt with analytic derivatives of the elastic arm, numerical ones of the few parameters of effects; the
+weights, which depend on G, are made again until nothing changes (R. Pintelon, J. Schoukens, System Identification: A
+Frequency Domain Approach, 2nd ed., Wiley 2012, chapters 9 and 12).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.acting import Scene, acting, linear_extra
+from ident.arm_model import Extra, Parameters, Posture, Sampling, motion_and_derivatives
+from ident.campaign import Array, Campaign
+from ident.effects.base import Effect
+from ident.errors import IdentError
+from ident.frf import BINS, ORDER, ROUNDING, Complex, Frf
+from ident.whitening import Noise, whitening
+from symgen.plan import Model
+
+#: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
+SMALL_STEP = 0.01
+OUTER, INNER, TRIALS = 6, 30, 8
+#: Progress below this share of chi^2 ends the way to a model that is still doubted.
+ROUGHLY = 0.01
+#: A direction of the parameters with less information than this was not seen: its deviation is over ten times its size.
+UNSEEN_INFORMATION = 1e-2
+#: Relative rounding error of an information matrix.
+INFORMATION_ROUNDING = 1e-13
+#: Share of its scale by which an effect's parameter is changed to see what it does.
+NUDGE = 1e-4
+#: Step [rad or m] of the fourth-order differences that give dJ/dq: error h^4 / 30 and rounding 1e-16 / h.
+DIFFERENCE = 2e-3
+#: Random postures that show what the gravity stiffness depends on.
+PROBES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One record, ready to be fitted: the joints that move, at L lines. `index` among the records, `excited` joint and
+    `is_excited` [L] lines; `noise_dof` degrees of freedom of its noise powers."""
+
+    index: int
+    excited: int
+    is_excited: NDArray[np.bool_]
+    scene: Scene
+    sampling: Sampling
+    noise: Noise
+    noise_dof: float
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """All records of an n-joint arm with D constants alpha and these `effects`, whose values are fitted too.
+
+    The vector [P] is that of `Parameters` followed by the values of every effect; a step of `scale` [P] is a large one. `low`,
+    `high` [P] bound it; `free` [P] are the parameters that may move. `posture_of` gives the arm at another posture.
+    """
+
+    data: tuple[Evidence, ...]
+    n: int
+    D: int
+    r: int
+    effects: tuple[Effect, ...]
+    scale: Array
+    low: Array
+    high: Array
+    free: NDArray[np.bool_]
+    posture_of: Callable[[Evidence, Array], Posture]
+
+    @property
+    def base(self) -> int:
+        """The number of parameters of the elastic arm."""
+        return 4 * self.n + self.D + self.r
+
+    def parameters(self, vector: Array) -> Parameters:
+        return Parameters.of(vector[: self.base], self.n, self.D)
+
+    def effects_at(self, vector: Array) -> tuple[Effect, ...]:
+        found, k = [], self.base
+        for effect in self.effects:
+            found.append(effect.with_values(vector[k : k + len(effect.values)].tolist()))
+            k += len(effect.values)
+        return tuple(found)
+
+    def scene(self, one: Evidence, effects: Sequence[Effect]) -> Scene:
+        """The record's scene, at the posture where the effects put the arm."""
+        q = one.scene.posture
+        for effect in effects:
+            q = effect.posture(q)
+        return one.scene if q is one.scene.posture else replace(one.scene, arm=self.posture_of(one, q), posture=q)
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where a fit ended: `vector` [P], `information` [P, P] per step of `scale` there, chi^2, and whether it converged."""
+
+    vector: Array
+    information: Array
+    chi2: float
+    converged: bool
+
+
+def gravity_basis(model: Model, gravity: Array) -> Array:
+    """Returns the orthonormal rows [r, 10 n] with which the gravity stiffness is a function of `basis` . phi."""
+    q = model.random_postures(PROBES, np.random.default_rng(0))
+    rows = model.gravity_stiffness_rows(q, gravity).reshape(-1, 10 * model.chain.n)
+    _, singular, V = np.linalg.svd(rows, full_matrices=False)
+    return V[: int(np.sum(singular > 1e-9 * max(singular[0], 1e-9)))]
+
+
+def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: int, lines: str) -> Evidence:
+    """Returns record `index`, its response `frf`, at its "usable" excited `lines`, all "excited" ones or "every" one of its band.
+
+    With "every" the rigid-body terms of second order act too. Raises IdentError for a record without usable lines.
+    """
+    if not frf.usable.any():
+        raise IdentError(f"record {frf.record}: no line is usable; expected torque of {frf.joint} above its noise")
+    live, band = live_joints(frf), frf.band
+    if band is None:
+        raise IdentError(f"record {frf.record}: its spectra are missing; expected those of estimate()")
+    usable = np.zeros(len(band.lines), dtype=bool)
+    usable[np.flatnonzero(band.excited)[frf.usable]] = True
+    use = {"usable": usable, "excited": band.excited, "every": np.ones_like(usable)}[lines]
+    arm = posture_at(campaign, model, basis, live, frf.posture)
+    scene = Scene(
+        arm, frf.n, band.lines[use], band.f0, campaign.fs, band.tau[use][:, live], band.theta[use][:, live],
+        np.stack([band.mean_tau, band.mean_theta]), frf.posture, campaign.N,
+        _slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
+    )  # fmt: skip
+    samples = band.noise[:, use][:, :, np.concatenate([live, frf.n + live])]
+    one = 2.0 * (BINS - ORDER)
+    share = (frf.dof / one - 1.0) / (frf.width - 1) if frf.width > 1 else 1.0
+    return Evidence(
+        index, frf.index, band.excited[use], scene, Sampling(scene.f0 * scene.lines, campaign.fs, campaign.hold),
+        Noise(samples, frf.floor[live]), one / 2.0 * (1.0 + (len(scene.lines) - 1) * share),
+    )  # fmt: skip
+
+
+def posture_at(campaign: Campaign, model: Model, basis: Array, live: NDArray[np.int64], q: Array) -> Posture:
+    """The rows of J and of the gravity stiffness of the `live` joints at posture q [n]."""
+    square = np.ix_(live, live)
+    K_rows = model.gravity_stiffness_rows(q, campaign.gravity) @ basis.T
+    return Posture(live, campaign.N[live], model.J_rows(q)[square], K_rows[square])
+
+
+def _slopes(campaign: Campaign, model: Model, basis: Array, live: NDArray[np.int64], q: Array) -> tuple[Array, Array]:
+    """d/dq_k of the rows of J [m, m, m, D] and of the gravity stiffness [m, m, m, r], k first, of the live joints."""
+    steps = DIFFERENCE * np.array([-2.0, -1.0, 1.0, 2.0])
+    weights = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * DIFFERENCE)
+    at = q + steps[:, None, None] * np.eye(len(q))[live]  # 4, m, n
+    square = np.ix_(np.arange(len(live)), live, live)
+    J = np.einsum("a,akijd->kijd", weights, model.J_rows(at))[square]
+    K = np.einsum("a,akijd->kijd", weights, model.gravity_stiffness_rows(at, campaign.gravity))[square] @ basis.T
+    return J, K
+
+
+def live_joints(frf: Frf) -> NDArray[np.int64]:
+    """Returns the joints that take part: all but those whose torque is constant and whose angle shows a flicker at most."""
+    n = frf.n
+    power = np.mean(np.abs(np.hstack([frf.tau, frf.theta])) ** 2, axis=0) + np.mean(np.abs(frf.noise) ** 2, axis=(0, 1))
+    still = np.concatenate([np.zeros(n), 16.0 * frf.floor]) + ROUNDING**2 * np.repeat(
+        power[[frf.index, n + frf.index]], n
+    )
+    clamped = (power <= still).reshape(2, n).all(axis=0)
+    clamped[frf.index] = False
+    return np.flatnonzero(~clamped)
+
+
+def scale_of(start: Parameters) -> Array:
+    """Returns what a large step is [P]: a factor e of a drive, the size of an alpha or first moment (1 % of the largest)."""
+    drives = np.ones(4 * len(start.K))
+    sizes = [np.maximum(np.abs(x), 1e-2 * np.abs(x).max(initial=1e-9)) for x in (start.alpha, start.gravity)]
+    return np.concatenate([drives, *sizes])
+
+
+def minimise(problem: Problem, vector: Array, doubts: Sequence[float] = (), outer: int = OUTER) -> Minimum:
+    """Levenberg-Marquardt, weights made anew at every minimum until that moves nothing; first with `doubts`."""
+    converged, chi2, information = False, np.inf, np.zeros((len(vector), len(vector)))
+    for doubt in (*doubts, *[0.0] * outer):
+        weights = weights_at(problem, vector, doubt)
+        chi2, slope, information = normal_equations(problem, vector, weights)
+        begin, settled, damping = vector, False, 1e-3
+        for _ in range(INNER):
+            for _ in range(TRIALS):
+                step = _step(problem, slope, information, damping)
+                trial = np.clip(vector + problem.scale * step, problem.low, problem.high)
+                cost = chi_squared(problem, trial, weights)
+                if cost <= chi2:
+                    break
+                damping *= 5.0
+            else:
+                settled = bool(-step @ slope < SMALL_STEP)
+                break
+            damping = max(damping / 5.0, 1e-12)
+            vector, moved, before = trial, float(step @ information @ step), chi2
+            chi2, slope, information = normal_equations(problem, vector, weights)
+            if moved < SMALL_STEP**2 or (doubt and before - chi2 < ROUGHLY * before):
+                settled = True
+                break
+        shift = (vector - begin) / problem.scale
+        if not doubt and settled and shift @ information @ shift < (10.0 * SMALL_STEP) ** 2:
+            converged = True
+            break
+    return Minimum(vector, information, chi2, converged)
+
+
+def _step(problem: Problem, slope: Array, information: Array, damping: float) -> Array:
+    """Returns the damped step of the free parameters, no component beyond 1."""
+    free = np.flatnonzero(problem.free)
+    size = np.sqrt(np.diag(information)[free])
+    size[size == 0.0] = 1.0
+    matrix = information[np.ix_(free, free)] / size / size[:, None] + damping * np.eye(len(free))
+    step = np.zeros(len(slope))
+    step[free] = np.clip(-np.linalg.solve(matrix, slope[free] / size) / size, -1.0, 1.0)
+    return step
+
+
+def weights_at(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Complex]:
+    """The whitening matrices [L, m, m] of all records, for the arm at `vector`."""
+    p, effects = problem.parameters(vector), problem.effects_at(vector)
+    found = []
+    for one in problem.data:
+        scene = problem.scene(one, effects)
+        linear = linear_extra(scene, p, effects)
+        found.append(whitening(scene.arm, p, one.sampling, one.noise, scene.theta, doubt, linear))
+    return found
+
+
+def residual(
+    problem: Problem, vector: Array, one: Evidence, derive: bool = False
+) -> tuple[Complex, Complex, NDArray[np.int64]]:
+    """Returns theta - G tau [L, m], its derivatives [L, m, C] and the parameters [C] that they belong to."""
+    p, effects = problem.parameters(vector), problem.effects_at(vector)
+
+    def run(effects: tuple[Effect, ...], derive: bool) -> tuple[Complex, Complex, Any]:
+        scene = problem.scene(one, effects)
+        extra: Extra = acting(scene, p, effects)
+        theta, slopes = motion_and_derivatives(scene.arm, p, one.sampling, scene.tau, extra, derive)
+        return scene.theta - theta, -slopes, scene
+
+    r, slopes, scene = run(effects, derive)
+    if not derive:
+        return r, slopes, np.zeros(0, dtype=np.int64)
+    columns, more = [scene.arm.columns(problem.n)], [slopes]
+    k = problem.base
+    for place, effect in enumerate(effects):
+        for j in range(len(effect.values)):
+            nudge = NUDGE * problem.scale[k + j]
+            values = list(effect.values)
+            values[j] += nudge if values[j] + nudge <= problem.high[k + j] else -nudge
+            changed = (*effects[:place], effect.with_values(values), *effects[place + 1 :])
+            more.append(((run(changed, False)[0] - r) / (values[j] - effect.values[j]))[..., None])
+            columns.append(np.array([k + j]))
+        k += len(effect.values)
+    return r, np.concatenate(more, axis=2), np.concatenate(columns)
+
+
+def chi_squared(problem: Problem, vector: Array, weights: Sequence[Complex]) -> float:
+    """chi^2 of all records; infinite where the arm is not one (J not positive, numbers beyond numbers)."""
+    p = problem.parameters(vector)
+    total = 0.0
+    with np.errstate(all="ignore"):  # a trial step beyond numbers is refused for its size
+        for one, W in zip(problem.data, weights, strict=True):
+            if np.linalg.eigvalsh(one.scene.arm.J(p))[0] <= 0.0:
+                return float(np.inf)
+            r = residual(problem, vector, one)[0]
+            total += 2.0 * float(np.sum(np.abs(W @ r[..., None]) ** 2))
+            if not np.isfinite(total):
+                return float(np.inf)
+    return total
+
+
+def normal_equations(problem: Problem, vector: Array, weights: Sequence[Complex]) -> tuple[float, Array, Array]:
+    """Returns chi^2, half its gradient [P] and half its Gauss-Newton Hessian [P, P] per step of `scale`: the information."""
+    P = len(vector)
+    chi2, slope, information = 0.0, np.zeros(P), np.zeros((P, P))
+    for one, W in zip(problem.data, weights, strict=True):
+        r, slopes, columns = residual(problem, vector, one, derive=True)
+        A = (W @ (slopes * problem.scale[columns])).reshape(-1, len(columns))
+        white = (W @ r[..., None]).ravel()
+        chi2 += 2.0 * float(np.vdot(white, white).real)
+        slope[columns] += 2.0 * (A.conj().T @ white).real
+        real = np.concatenate([A.real, A.imag])
+        information[np.ix_(columns, columns)] += 2.0 * (real.T @ real)
+    return chi2, slope, information
+
+
+def spectrum(information: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Returns eigenvalues [P], eigenvectors [P, P] of the information, and which of them were seen."""
+    values, vectors = np.linalg.eigh(information)
+    return values, vectors, values > max(UNSEEN_INFORMATION, INFORMATION_ROUNDING * values[-1])

@@ -1,0 +1,55 @@
+"""The noise of a record, as a whole-arm fit weighs it: torque noise through the arm, and angle noise, two powers a joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ident.arm_model import NOTHING, Extra, Parameters, Posture, Sampling, motion
+from ident.campaign import Array
+from ident.frf import Complex, moving_average
+
+#: The model is computed to about this accuracy of an angle: no noise is taken to be smaller.
+MODEL_ACCURACY = 1e-8
+#: Lines over which the first guess of the noise power is smoothed, and the passes that replace it by its model.
+SMOOTHED, NOISE_PASSES = 15, 3
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is known of the noise of m joints at L lines: `samples` [R, L, 2 m] of (tau, theta), the quantisation `floor` [m,
+    rad^2] of a line of theta."""
+
+    samples: Complex
+    floor: Array
+
+
+def whitening(
+    arm: Posture, p: Parameters, sampling: Sampling, noise: Noise, theta: Complex, doubt: float, extra: Extra = NOTHING
+) -> Complex:
+    """Returns W [L, m, m] that makes the error of theta - G tau white, of unit variance.
+
+    Each joint's two noise powers are constant over the band; fitted to the samples between the lines, weighted by their
+    own prediction (maximum likelihood, P. Whittle), and not below quantisation. `doubt` is the error the model is granted,
+    relative to each angle of `theta` [L, m].
+    """
+    m, L = len(arm.live), len(sampling.f)
+    G = motion(arm, p, sampling, np.broadcast_to(np.eye(m, dtype=complex), (L, m, m)), extra)
+    error = noise.samples[:, :, m:] - np.einsum("lij,rlj->rli", G, noise.samples[:, :, :m])
+    power = np.mean(np.abs(error) ** 2, axis=0)
+    largest = (np.abs(theta) / arm.N).max(axis=1)[:, None]
+    least = np.maximum(noise.floor, (MODEL_ACCURACY * largest * arm.N) ** 2)
+    rows = np.concatenate([np.abs(G) ** 2, np.broadcast_to(np.eye(m), (L, m, m))], axis=2)
+    predicted, powers = moving_average(power, min(SMOOTHED, L)), np.zeros(2 * m)
+    for _ in range(NOISE_PASSES):
+        weight = 1.0 / np.maximum(predicted, least)
+        X = (rows * weight[..., None]).reshape(L * m, 2 * m)
+        size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+        powers = nnls(X / size, (power * weight).ravel())[0] / size
+        predicted = rows @ powers
+    covariance: Complex = np.einsum("lij,j,lkj->lik", G, powers[:m], G.conj())
+    i = np.arange(m)
+    covariance[:, i, i] += np.maximum(powers[m:], least) + (doubt * np.abs(theta)) ** 2
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=complex)
