@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from symgen.chain import PARAMETERS, Array, Chain, readonly
 from symgen.errors import SymgenError
 from symgen.geometry import polynomials
-from symgen.inertia import DIGIT_DEGREE, Entry, derive, parameter_scale
+from symgen.inertia import DIGIT_DEGREE, Entry, Maps, derive, parameter_scale
 from symgen.kinematics import phi_rows
 
 #: A row is new when its part outside the span of the known ones is larger than this, relative to the row. The singular
@@ -188,7 +188,8 @@ def factor(chain: Chain, *, believe_zeros: bool = False) -> Factoring:
     scale = np.where(zero, 0.0, 1.0 / parameter_scale(chain))
     diagonal = [(i, i) for i in reversed(range(n))]
     off_diagonal = [(i, j) for i in range(n) for j in range(i + 1, n)]
-    entries = {pair: derive(chain, *pair) for pair in diagonal + off_diagonal}
+    maps = Maps(chain)
+    entries = {pair: derive(chain, *pair, maps=maps) for pair in diagonal + off_diagonal}
     entries = {pair: _without(entry, zero) for pair, entry in entries.items()}
 
     span = _Span(10 * n)

@@ -10,7 +10,7 @@ question; this gives the paper's c_2 c_23 (17) in place of c_2^2 c_3 - c_2 s_2 s
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,16 @@ ZERO = 1e-13
 #: constants (`basis.factor` checks it). A general arm of 8 joints has 78125 in J_11.
 MOST_MONOMIALS = 20_000
 LOW_DEGREE = 3
+
+def _products() -> NDArray[np.int64]:
+    """Where M1_ac M2_bd, M1_bd M2_ac, M1_ad M2_bc, M1_bc M2_ad stand in the outer product, for moments ab and cd [4, 6, 6]."""
+    (a, b), (c, d) = np.array(MOMENTS).T[:, :, None], np.array(MOMENTS).T[:, None, :]
+    pairs = [((a, c), (b, d)), ((b, d), (a, c)), ((a, d), (b, c)), ((b, c), (a, d))]
+    return np.array([27 * x + 9 * y + 3 * u + v for (x, y), (u, v) in pairs])
+
+
+_PRODUCTS = _products()
+_MIXED = np.array([x != y for x, y in MOMENTS])
 
 #: A run of parallel axes is accepted when the axes differ by less than this (they are snapped before).
 PARALLEL = 1e-12
@@ -66,13 +76,8 @@ def parameter_scale(chain: Chain) -> Array:
 
 def _turn(M1: Array, M2: Array) -> Array:
     """The 6x6 map L -> (M1 L M2' + M2 L M1') / 2 on the six entries of a symmetric L."""
-    out = np.zeros((6, 6))
-    for row, (a, b) in enumerate(MOMENTS):
-        for column, (c, d) in enumerate(MOMENTS):
-            value = M1[a, c] * M2[b, d] + M2[a, c] * M1[b, d]
-            if c != d:
-                value += M1[a, d] * M2[b, c] + M2[a, d] * M1[b, c]
-            out[row, column] = value / 2
+    straight, mirrored, crossed, back = np.multiply.outer(M1, M2).ravel()[_PRODUCTS]
+    out: Array = (straight + mirrored + np.where(_MIXED, crossed + back, 0.0)) / 2
     return out
 
 
@@ -218,6 +223,39 @@ def angles(chain: Chain, first: int) -> tuple[Angle, ...]:
     return tuple(out)
 
 
+class Maps:
+    """The maps of the joints of one chain, each computed once: from the frame before a joint to the one behind it."""
+
+    def __init__(self, chain: Chain):
+        self.chain = chain
+        self._made: dict[tuple[type[_Body | _Twist], str, int, int], list[Array]] = {}
+
+    def placed(self, kind: type[_Body | _Twist], k: int, shifted: bool) -> Array:
+        """The fixed placement of joint k: a turn, and before it a shift if `shifted`."""
+        joint = self.chain.joints[k]
+        return self._once(
+            (kind, "placed", k, shifted),
+            lambda: [kind.shift(joint.p) @ kind.rotation(joint.R) if shifted else kind.rotation(joint.R)],
+        )[0]
+
+    def moved(self, kind: type[_Body | _Twist], k: int, sign: int) -> list[Array]:
+        """The motion of joint k along or about its axis, `sign` times."""
+        joint = self.chain.joints[k]
+        if joint.type != REVOLUTE:
+            return self._once((kind, "moved", k, 1), lambda: kind.slide(joint.axis))
+        return self._once((kind, "moved", k, sign), lambda: kind.turn(sign * joint.axis))
+
+    def swung(self, kind: type[_Body | _Twist], k: int, sign: int) -> list[Array]:
+        """The way to the origin of joint k + 1, which joint k swings about its axis, in a frame that is not turned."""
+        p = self.chain.joints[k + 1].p
+        return self._once((kind, "swung", k, sign), lambda: kind.swing(sign * self.chain.joints[k].axis, p))
+
+    def _once(self, key: tuple[type[_Body | _Twist], str, int, int], make: Callable[[], list[Array]]) -> list[Array]:
+        if key not in self._made:
+            self._made[key] = make()
+        return self._made[key]
+
+
 class _TooMany(Exception):
     """More than `MOST_MONOMIALS` on the way."""
 
@@ -265,21 +303,22 @@ class _Walk:
         self.keys, self.degree, self.rows = other.keys, other.degree, other.rows
 
 
-def derive(chain: Chain, i: int, j: int, wanted: NDArray[np.int8] | None = None) -> Entry:
+def derive(chain: Chain, i: int, j: int, wanted: NDArray[np.int8] | None = None, maps: Maps | None = None) -> Entry:
     """Returns J_ij(q) (joints counted from 0, i <= j) as monomials times inertial parameters; eqs. (13)-(16) for any arm.
 
-    `wanted` [W, p] limits the work to those monomials (digits as in `Entry`). An entry of more than `MOST_MONOMIALS` comes
-    back with those up to `LOW_DEGREE` only, and `complete` False.
+    `wanted` [W, p] limits the work to those monomials (digits as in `Entry`); `maps` of the same chain, if there are some,
+    save work. An entry of more than `MOST_MONOMIALS` comes back with those up to `LOW_DEGREE` only, and `complete` False.
     """
+    maps = Maps(chain) if maps is None else maps
     try:
-        return _derive(chain, i, j, wanted, None)
+        return _derive(maps, i, j, wanted, None)
     except _TooMany:
-        return _derive(chain, i, j, wanted, LOW_DEGREE)
+        return _derive(maps, i, j, wanted, LOW_DEGREE)
 
 
-def _derive(chain: Chain, i: int, j: int, wanted: NDArray[np.int8] | None, most_degree: int | None) -> Entry:
-    n, first = chain.n, i + 1
-    base5 = 5 ** np.arange(n - first, dtype=np.int64)
+def _derive(maps: Maps, i: int, j: int, wanted: NDArray[np.int8] | None, most_degree: int | None) -> Entry:
+    chain, first = maps.chain, i + 1
+    base5 = 5 ** np.arange(chain.n - first, dtype=np.int64)
     length = max(length_scale(chain), 1.0)
     floor = ZERO * np.array([length**2, *[length] * 3, *[1.0] * 6])
     parts: list[tuple[int, NDArray[np.int64], Array]] = []
@@ -291,20 +330,17 @@ def _derive(chain: Chain, i: int, j: int, wanted: NDArray[np.int8] | None, most_
     for run in _runs(chain, first):
         for k, sign in zip(run, _signs(chain, run), strict=True):
             joint, position = chain.joints[k], k - first
-            maps: type[_Body | _Twist] = _Body if k > j else _Twist
-            if k == run[0]:
-                walk.constant(maps.shift(joint.p))
-            walk.constant(maps.rotation(joint.R))
+            kind: type[_Body | _Twist] = _Body if k > j else _Twist
+            walk.constant(maps.placed(kind, k, k == run[0]))
             if k == j:
-                walk.rows, maps = energy_row(walk.rows, motion(chain, j)), _Body
+                walk.rows, kind = energy_row(walk.rows, motion(chain, j)), _Body
             here = walk
-            if joint.type != REVOLUTE:
-                walk.step(maps.slide(joint.axis), position, False)
-            elif k == run[-1]:
-                walk.step(maps.turn(sign * joint.axis), position, True)
+            turning = joint.type == REVOLUTE
+            if not turning or k == run[-1]:
+                walk.step(maps.moved(kind, k, sign), position, turning)
             else:
-                here = walk.branch(maps.turn(sign * joint.axis), position, True)
-                walk.step(maps.swing(sign * joint.axis, chain.joints[k + 1].p), position, True)
+                here = walk.branch(maps.moved(kind, k, sign), position, True)
+                walk.step(maps.swung(kind, k, sign), position, True)
             if k >= j:
                 parts.append((k, here.keys, here.rows))
     return _collect(chain, i, j, parts, base5, most_degree is None)
