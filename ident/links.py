@@ -17,22 +17,28 @@ from scipy.linalg import block_diag, null_space
 
 from ident.campaign import Array
 from ident.errors import IdentError
-from ident.physical import DISTANCE_TOLERANCE, Block, cone_program, pseudo_inertia, semidefinite
+from ident.physical import Block, cone_program, pseudo_inertia, semidefinite
 from symgen.plan import Model
 
 #: A link's pseudo-inertia, in units of CAD's, stays above this: bodies thinner than a thousandth of CAD's are none.
 THINNEST = 1e-6
+#: Links this thick are a good start for the search, thicker ones no better.
+ENOUGH = 0.1
 #: Links whose pseudo-inertias, in units of CAD's, are together larger than this are not considered.
 LARGEST = 100.0
 #: CAD's second moments about the centre of mass count as at least this part of the link's largest, and as those of this
 #: radius [m]: vendors' files hold rods, points, and moments of no body, which have no finite divergence.
 THIN_CAD, POINT_RADIUS = 1e-4, 1e-3
+#: Constants this many times larger or smaller than CAD's are in other units (a torque sensor's volts): CAD is scaled to them.
+OTHER_UNITS = 10.0
 #: Parameters that are zero in CAD and this small a part of their link are rounding.
 ROUNDING = 1e-12
 #: Standard deviations below this part of the largest are rounding of a covariance.
 LEAST_DEVIATION = 1e-6
-#: Squared Newton decrement that ends the search: one more step squares it.
-CLOSE = 1e-16
+#: A distance below this, or below this part of the estimate's own length in standard deviations, is the solver's accuracy.
+NO_DISTANCE, NO_SHARE = 1e-3, 1e-8
+#: Squared Newton decrements: below the first a full step is safe, below the second it is the last (it squares the error).
+NEAR, CLOSE = 0.04, 1e-16
 STEPS = 500
 
 #: Orthonormal basis [10, 4, 4] of the symmetric matrices.
@@ -72,19 +78,24 @@ def nearest_links(model: Model, alpha: Array, covariance: Array | None = None, u
     shapes = (np.shape(alpha), np.shape(covariance) if covariance is not None else (D, D), np.shape(unseen)[:1])
     if shapes != ((D,), (D, D), (D,)):
         raise IdentError(f"alpha, covariance, unseen have shapes {shapes}; expected {((D,), (D, D), (D,))}")
-    if not (np.isfinite(alpha).all() and (covariance is None or np.isfinite(covariance).all())):
-        raise IdentError("alpha and its covariance must be finite")
-    arm = _arm(model)
+    if not (np.isfinite(alpha).all() and np.any(alpha) and (covariance is None or np.isfinite(covariance).all())):
+        raise IdentError("alpha and its covariance must be finite and alpha not all zero")
     seen = null_space(unseen.T) if unseen.size else np.eye(D)
+    arm = _arm(model, _unit(seen.T @ alpha, seen.T @ model.alpha_cad))
     metric = _whitening(alpha, covariance, seen)
-    start, status, fixed = _exact(arm, alpha), list[str](), np.eye(D)
+    status = list[str]()
+    free = null_space(np.vstack([arm.alpha, arm.nothing]))
+    start = _inside(arm, free, arm.with_alpha(np.eye(D), alpha))
     exact = start is not None
+    if start is None and unseen.size:
+        free = null_space(np.vstack([seen.T @ arm.alpha, arm.nothing]))
+        start = _inside(arm, free, arm.with_alpha(seen, alpha))
     if start is None:
         start, outcome = _projected(arm, metric, alpha)
-        fixed = seen
+        better = _inside(arm, free, start)
+        start = start if better is None else better
         if outcome != "Solved":
             status.append(f"the nearest alpha is not accurate, the cone program ended as {outcome}")
-    free = null_space(np.vstack([fixed.T @ arm.alpha, arm.nothing]))
     x, solved = _nearest_to_cad(start, free)
     if not solved:
         status.append("the links nearest to CAD are not accurate, the search did not converge")
@@ -95,7 +106,7 @@ def nearest_links(model: Model, alpha: Array, covariance: Array | None = None, u
     divergence = np.trace(X, axis1=1, axis2=2) - np.linalg.slogdet(X)[1] - 4.0
     reached = np.array(alpha) if exact else arm.alpha @ x
     distance = 0.0 if exact else float(np.linalg.norm(metric @ (reached - alpha)))
-    ok = not status and distance <= DISTANCE_TOLERANCE * float(np.linalg.norm(metric @ alpha))
+    ok = not status and distance <= max(NO_DISTANCE, NO_SHARE * float(np.linalg.norm(metric @ alpha)))
     return Links(found, reached, exact, ok, distance, np.maximum(divergence, 0.0), tuple(status))
 
 
@@ -113,10 +124,25 @@ class _Arm:
         """CAD's own x."""
         return np.tile(np.trace(_UNITS, axis1=1, axis2=2), len(self.parameters) // 10)
 
+    def with_alpha(self, seen: Array, alpha: Array) -> Array:
+        """The x next to CAD's that has this alpha along `seen` [D, s]; no possible links perhaps."""
+        fixed = np.vstack([seen.T @ self.alpha, self.nothing])
+        rows = np.maximum(np.linalg.norm(fixed, axis=1), np.finfo(float).tiny)
+        target = np.append(seen.T @ alpha, np.zeros(len(self.nothing)))
+        short: Array = np.linalg.pinv(fixed / rows[:, None]) @ ((target - fixed @ self.cad) / rows)
+        return self.cad + short
 
-def _arm(model: Model) -> _Arm:
+
+def _unit(alpha: Array, cad: Array) -> float:
+    """How many times CAD's constants the estimate is, where that is so much that it must have another unit; else 1."""
+    found, expected = float(np.linalg.norm(alpha)), float(np.linalg.norm(cad))
+    usual = not (found and expected) or 1.0 / OTHER_UNITS < found / expected < OTHER_UNITS
+    return 1.0 if usual else found / expected
+
+
+def _arm(model: Model, unit: float) -> _Arm:
     n, factoring = model.chain.n, model.factoring
-    roots = np.linalg.cholesky(_sound(pseudo_inertia(model.chain.parameters.reshape(n, 10))))
+    roots = np.sqrt(unit) * np.linalg.cholesky(_sound(pseudo_inertia(model.chain.parameters.reshape(n, 10))))
     T = block_diag(*[_parameters(root @ _UNITS @ root.T).T for root in roots])
     size = np.linalg.norm(T, axis=1)
     wide = model.wider.W @ T
@@ -162,6 +188,8 @@ def _whitening(alpha: Array, covariance: Array | None, seen: Array) -> Array:
     """The matrix that turns an error of alpha into standard deviations along the `seen` directions [D, s]."""
     if covariance is None:
         return seen.T / np.linalg.norm(alpha)
+    if not seen.size:
+        return np.zeros((0, len(alpha)))
     V = seen.T @ covariance @ seen
     std = np.sqrt(np.maximum(np.diag(V), (LEAST_DEVIATION * ROUNDING * np.abs(alpha).max()) ** 2))
     values, vectors = np.linalg.eigh(V / np.outer(std, std))
@@ -169,29 +197,27 @@ def _whitening(alpha: Array, covariance: Array | None, seen: Array) -> Array:
     return (vectors / np.sqrt(values)).T @ (seen / std).T
 
 
-def _exact(arm: _Arm, alpha: Array) -> Array | None:
-    """Possible links x with exactly this alpha, or None."""
-    fixed = np.vstack([arm.alpha, arm.nothing])
-    rows = np.linalg.norm(fixed, axis=1)
-    rows[rows == 0.0] = 1.0
-    target = np.append(alpha, np.zeros(len(arm.nothing)))
-    x = arm.cad + np.linalg.pinv(fixed / rows[:, None]) @ ((target - fixed @ arm.cad) / rows)
-    if np.linalg.eigvalsh(_matrices(x)).min() >= THINNEST:
+def _inside(arm: _Arm, free: Array, x: Array) -> Array | None:
+    """Possible links among x + free @ z, none too thin: the ones next to CAD if these are, else the thickest; or None."""
+    x = x + free @ (free.T @ (arm.cad - x))
+    if _thickness(x) >= THINNEST:
         return x
-    free = null_space(fixed / rows[:, None])
-    # the thickest links: largest t with X >= t
     count = free.shape[1]
-    blocks = [_small(free, x - arm.cad), (np.eye(count + 1)[-1:], np.array([0.1]), clarabel.NonnegativeConeT(1))]
-    blocks += _thick(free, x, np.eye(4))
-    found, _ = cone_program(np.append(np.zeros(count), -1.0), blocks)
-    x = x + free @ found[:count]
-    return x if np.linalg.eigvalsh(_matrices(x)).min() >= THINNEST else None
+    blocks = [_small(free, x - arm.cad), (np.eye(count + 1)[-1:], np.array([ENOUGH]), clarabel.NonnegativeConeT(1))]
+    found, _ = cone_program(np.append(np.zeros(count), -1.0), blocks + _thick(free, x, np.eye(4)))
+    x = x + free @ np.nan_to_num(found[:count])
+    return x if _thickness(x) >= THINNEST else None
+
+
+def _thickness(x: Array) -> float:
+    """The least eigenvalue of the links' pseudo-inertias, in units of CAD's."""
+    return float(np.linalg.eigvalsh(_matrices(x)).min())
 
 
 def _projected(arm: _Arm, metric: Array, alpha: Array) -> tuple[Array, str]:
     """Possible links x whose alpha is nearest to the estimate, and how the search ended."""
     free = null_space(arm.nothing) if arm.nothing.size else np.eye(len(arm.parameters))
-    count, length = free.shape[1], float(np.linalg.norm(metric @ alpha))
+    count, length = free.shape[1], float(np.linalg.norm(metric @ alpha)) or 1.0
     origin = free @ (free.T @ arm.cad)
     misfit = np.hstack([metric @ arm.alpha @ free, np.zeros((len(metric), 1))])
     target = metric @ (alpha - arm.alpha @ origin)
@@ -202,7 +228,10 @@ def _projected(arm: _Arm, metric: Array, alpha: Array) -> tuple[Array, str]:
         *_thick(free, origin - THINNEST * arm.cad, np.zeros((4, 4))),
     ]  # fmt: skip
     found, outcome = cone_program(t[0], blocks)
-    return origin + free @ found[:count], outcome
+    step = free @ found[:count] if np.isfinite(found).all() else np.zeros_like(origin)
+    while _thickness(origin + step) <= 0.0 and np.any(step):
+        step = step / 2.0 if np.linalg.norm(step) > THINNEST else np.zeros_like(step)  # no solution: back towards CAD
+    return origin + step, outcome
 
 
 def _small(free: Array, offset: Array) -> Block:
@@ -224,16 +253,20 @@ def _nearest_to_cad(x: Array, free: Array) -> tuple[Array, bool]:
 
     Damped Newton; for a self-concordant function its steps never leave the possible links and always end.
     """
-    identity = np.eye(4)
     for _ in range(STEPS):
         inverse = np.linalg.inv(_matrices(x))
-        slope = free.T @ np.einsum("aij,nij->na", _UNITS, identity - inverse).ravel()
+        slope = free.T @ np.einsum("aij,nij->na", _UNITS, np.eye(4) - inverse).ravel()
         scaled = np.einsum("nij,ajk->naik", inverse, _UNITS)
         curvature = np.einsum("naij,nbji->nab", scaled, scaled)
         bent = np.einsum("nab,nbz->naz", curvature, free.reshape(len(inverse), 10, -1)).reshape(free.shape)
-        step = -np.linalg.solve(free.T @ bent, slope)
+        hessian = free.T @ bent
+        size = np.sqrt(np.diag(hessian))
+        step = -np.linalg.lstsq(hessian / np.outer(size, size), slope / size)[0] / size
         decrement = float(-slope @ step)
-        x = x + free @ step / (1.0 if decrement < 0.04 else 1.0 + np.sqrt(max(decrement, 0.0)))
+        trial = x + free @ step / (1.0 if decrement < NEAR else 1.0 + np.sqrt(decrement))
+        if _thickness(trial) <= 0.0:  # by rounding only, where a link is all but impossible
+            return x, False
+        x = trial
         if decrement < CLOSE:
             return x, True
     return x, False
