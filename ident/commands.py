@@ -19,6 +19,8 @@ def add(command: _NewCommand) -> None:
     bring.add_argument("files", metavar="FILE", nargs="+", help="records: MAT, CSV, NPZ or HDF5, one a record")
     bring.add_argument("--map", metavar="map.toml", help="which numbers are the torque and the angles of which joint")
     bring.add_argument("-o", dest="out", metavar="FILE.h5", help="the campaign file to write")
+    bring.add_argument("--guess", action="store_true", help="print a first map.toml, to be checked by a person")
+    bring.add_argument("--urdf", metavar="URDF", help="with --guess: the declared robot")
     bring.set_defaults(action=_import)
 
 
@@ -27,8 +29,10 @@ def _import(options: argparse.Namespace) -> int:
     from ident.mapping import load_map
     from ident.store import write_campaign
 
+    if options.guess:
+        return _guess(options)
     if options.map is None:
-        raise IdentError("import: --map is missing; expected a map.toml")
+        raise IdentError("import: --map is missing; expected a map.toml (--guess prints a first one)")
     if options.out is None:
         raise IdentError("import: -o is missing; expected the campaign file to write")
     found = import_files(load_map(options.map), options.files)
@@ -42,4 +46,17 @@ def _import(options: argparse.Namespace) -> int:
     for note in found.notes:
         print(f"! {note}", file=sys.stderr)
     print(f"{options.out}: {len(found.campaign.records)} records, {found.campaign.source}")
+    return 0
+
+
+def _guess(options: argparse.Namespace) -> int:
+    from ident.guess import guess
+
+    for name in ("map", "out"):
+        if getattr(options, name) is not None:
+            raise IdentError(
+                f"import: {'-o' if name == 'out' else '--map'} does not go with --guess, which prints a map"
+            )
+    text = guess(options.files, options.urdf)
+    print(json.dumps({"map": text}) if options.json else text, end="\n" if options.json else "")
     return 0
