@@ -2,20 +2,23 @@
 
 An effect acts at a port of a joint. Motor ports are motor side (angle theta [rad], torque [N m]), spring and link ports
 joint side: the spring's position is its deflection theta/N - q, the link's is q. A method an effect does not need keeps
-its default, which changes nothing; so effects combine.
+its default, which changes nothing; so effects combine. A law of the state of one joint (`Law`) is one function for both
+sides: of arrays in the fit, of floats in the simulation.
 """
 
 from __future__ import annotations
 
-from abc import ABC
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ident.errors import IdentError
+from symgen.chain import Chain
+from symgen.robot import Drive
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -28,8 +31,8 @@ class Parameter:
     """A number an effect has: `unit`, bounds `low` < `high`, and `sizes`, plausible values from which a search starts.
 
     `linear`: the effect's force is proportional to it. `zero`: its value where the effect vanishes, None for a shape
-    parameter (a frequency, a phase), which has none. `relative` names what `low`, `high` and `sizes` are shares of
-    ("torque": rms torque of the port, "angle": rms angle, "rate", "K", "J", ""): a size fits a watch and a crane then.
+    parameter (a frequency, a phase), which has none. `relative` names what `low`, `high` and `sizes` are shares of, see
+    `scale`: a size fits a watch and a crane then. A `whole` number is one of `sizes`, or another, and never refined.
     """
 
     name: str
@@ -40,6 +43,43 @@ class Parameter:
     linear: bool = False
     zero: float | None = 0.0
     relative: str = ""
+    whole: bool = False
+
+
+#: What a parameter may be relative to, at the effect's port and joint: rms "torque", "angle" and "rate", the spring's "K",
+#: the inertia "J" (motor's J_m or link's J_ii), its "damping" (D or D_spring), the link's "mass".
+SCALES = ("torque", "angle", "rate", "K", "J", "damping", "mass")
+
+
+def scale(relative: str, scales: Mapping[str, float]) -> float:
+    """Returns the unit of a relative parameter: "torque", "torque/rate^2", with `scales` [one number for each name]."""
+    product = 1.0
+    for k, factor in enumerate(relative.split("/") if relative else ()):
+        name, _, power = factor.partition("^")
+        product *= scales[name] ** (int(power or 1) * (-1 if k else 1))
+    return product
+
+
+@dataclass(slots=True)
+class State:
+    """How one joint moves: arrays [S] of a period, or floats at one instant; fields as in `Motion`."""
+
+    theta: Any
+    omega: Any
+    tau: Any
+    q: Any
+    q_rate: Any
+    deflection: Any
+    deflection_rate: Any
+    spring: Any
+    N: float
+    K: float
+
+    def at(self, port: str) -> tuple[Any, Any]:
+        """Position and velocity at a port."""
+        if port == "spring":
+            return self.deflection, self.deflection_rate
+        return (self.q, self.q_rate) if port == "link" else (self.theta, self.omega)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +87,8 @@ class Motion:
     """How all n joints move in one record: one period, S samples `dt` [s] apart; positions are absolute, means included.
 
     theta, omega, tau [S, n] motor side; q, q_rate [S, n] link side; deflection = theta/N - q, deflection_rate and spring
-    (its torque) [S, n] joint side. N [n]. An array that cannot be known is zero (a clamped joint).
+    (its torque) [S, n] joint side. N [n]. An array that cannot be known is zero (a clamped joint). `K` [n] the stiffness
+    of the springs; where it is not given it is read from the spring's own torque and deflection.
     """
 
     dt: float
@@ -60,6 +101,7 @@ class Motion:
     deflection: Array
     deflection_rate: Array
     spring: Array
+    K: Array | None = None
 
     def at(self, port: str, joint: int) -> tuple[Array, Array, Array]:
         """Position, velocity and torque [S] at a port of a joint."""
@@ -69,11 +111,36 @@ class Motion:
             return self.q[:, joint], self.q_rate[:, joint], self.spring[:, joint]
         return self.theta[:, joint], self.omega[:, joint], self.tau[:, joint]
 
+    def state(self, joint: int) -> State:
+        """The motion [S] of one joint."""
+        moved = (
+            self.theta,
+            self.omega,
+            self.tau,
+            self.q,
+            self.q_rate,
+            self.deflection,
+            self.deflection_rate,
+            self.spring,
+        )
+        theta, omega, tau, q, q_rate, x, x_rate, spring = (array[:, joint] for array in moved)
+        N, K = float(self.N[joint]), self._stiffness(joint)
+        return State(theta, omega, tau, q, q_rate, x, x_rate, spring, N, K)
+
+    def _stiffness(self, joint: int) -> float:
+        if self.K is not None:
+            return float(self.K[joint])
+        x, torque = (a[:, joint] - a[:, joint].mean() for a in (self.deflection, self.spring))
+        square = float(x @ x)
+        return float(x @ torque) / square if square else 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class Known:
     """What is known of the arm where an effect is put: n joints, `N`, `K`, `J_m`, `D`, `D_spring` [n], J [n, n] at the record's
-    `posture` [n], and `fs` [Hz]. `base_inertia` [6, n + 6]: rows of the six base motions, (coupling to q, base itself)."""
+    `posture` [n], and `fs` [Hz]. `base_inertia` [6, n + 6]: rows of the six base motions (shifts along, turns about x, y, z
+    of the base), columns (coupling to q, base itself). `chain` the declared links: where the structure of the arm gives,
+    geometry says who feels it; without it such an effect is felt by its own joint only."""
 
     N: Array
     K: Array
@@ -84,6 +151,49 @@ class Known:
     posture: Array
     fs: float
     base_inertia: Array | None = None
+    chain: Chain | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """The numbers of a simulated arm: links, drives [n] in the order of its joints, gravity [3, m/s2]."""
+
+    chain: Chain
+    drives: tuple[Drive, ...]
+    gravity: Array
+
+
+class Body(Protocol):
+    """The simulated bodies of an arm, as far as an effect may change them; joints from 0, SI units, axes in link frames.
+
+    Every addition is a joint on a spring `stiffness` with `damping`, at rest where the arm rests.
+    """
+
+    chain: Chain
+
+    def rock(self, axis: Sequence[float], stiffness: float, damping: float) -> None:
+        """Lets the whole arm turn about an axis through the base's origin, in base axes."""
+
+    def split(self, link: int, share: float, axis: Sequence[float], stiffness: float, damping: float) -> None:
+        """Lets a `share` of a link's body, and all that it carries, turn about an axis through its joint's origin."""
+
+    def attach_disc(self, link: int, inertia: float, axis: Sequence[float], stiffness: float, damping: float) -> None:
+        """Adds a disc to a link that turns about an axis; its moment of inertia is all that it adds."""
+
+    def loosen(self, joint: int, stiffness: float, damping: float) -> None:
+        """Puts the link of a joint that the lock has frozen on its spring."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """From commanded to acting torque: times `gain`, through first-order lags `lags` [s], `delay` [s] later."""
+
+    gain: float = 1.0
+    lags: tuple[float, ...] = ()
+    delay: float = 0.0
+
+    def then(self, other: Path) -> Path:
+        return Path(self.gain * other.gain, self.lags + other.lags, self.delay + other.delay)
 
 
 @dataclass(frozen=True)
@@ -95,6 +205,10 @@ class Effect(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     #: Whether it belongs to a joint, to the whole arm, or may be either.
     scope: ClassVar[tuple[str, ...]] = ("joint",)
+    #: It changes numbers that the declared model has anyway: no hook of the fitted arm is needed.
+    declared: ClassVar[bool] = False
+    #: Whether a simulation can have it, or not have it.
+    injectable: ClassVar[bool] = True
 
     joint: int | None
     values: tuple[float, ...]
@@ -105,10 +219,16 @@ class Effect(ABC):
         known = {p.name: p for p in cls.parameters}
         for name, value in given.items():
             if name not in known:
-                raise IdentError(f"effect {cls.name}: unknown parameter {name!r}; expected {', '.join(known)}")
+                raise IdentError(
+                    f"effect {cls.name}: unknown parameter {name!r}; expected {', '.join(known) or 'none'}"
+                )
             p = known[name]
             if not (np.isfinite(value) and (p.relative or p.low <= value <= p.high)):
-                raise IdentError(f"effect {cls.name}: {name} = {value:g}; expected {p.low:g} to {p.high:g} {p.unit}")
+                raise IdentError(
+                    f"effect {cls.name}: {name} = {value:g}; expected {p.low:g} to {p.high:g} {p.unit}".rstrip()
+                )
+            if p.whole and value != round(value):
+                raise IdentError(f"effect {cls.name}: {name} = {value:g}; expected a whole number")
         return cls(joint, tuple(float(given.get(p.name, p.sizes[0])) for p in cls.parameters))
 
     def with_values(self, values: Sequence[float]) -> Self:
@@ -116,6 +236,14 @@ class Effect(ABC):
 
     def __getitem__(self, parameter: str) -> float:
         return self.values[[p.name for p in self.parameters].index(parameter)]
+
+    def at_joint(self, values: Any, elsewhere: Any, n: int) -> NDArray[Any]:
+        """[.., n]: `values` [..] at the effect's joint, or at all of them, `elsewhere` at the others."""
+        result = np.full((*np.shape(values), n), elsewhere, dtype=np.asarray(values).dtype)
+        result[..., slice(None) if self.joint is None else self.joint] = (
+            np.asarray(values)[..., None] if self.joint is None else values
+        )
+        return result
 
     # What it does to the fitted arm -----------------------------------------------------------------------------------
 
@@ -142,3 +270,54 @@ class Effect(ABC):
     def posture(self, q: Array) -> Array:
         """The posture [n] at which the arm really is when it reads q [n]."""
         return q
+
+    # What it does to both ---------------------------------------------------------------------------------------------
+
+    def loads(self, states: Sequence[State]) -> tuple[tuple[str, int, Any], ...]:
+        """Torques (port, joint, [S] or float) besides that of its law, of the motion of all joints [n]."""
+        return ()
+
+    # What it does to the simulated arm --------------------------------------------------------------------------------
+
+    def arm(self, arm: Arm, record: int) -> Arm:
+        """The numbers of the arm in a record (from 0) where they are not the declared ones."""
+        return arm
+
+    def structure(self, body: Body) -> None:
+        """Adds what gives, to the bodies."""
+
+    def driven(self, states: Sequence[State], rest: Sequence[float]) -> tuple[tuple[str, int, float], ...]:
+        """`loads` in the simulation, where the motors rest at the angles `rest` [n, rad]."""
+        return self.loads(states)
+
+    def path(self) -> Path:
+        """What becomes of the commanded torque of its joint."""
+        return Path()
+
+    def misread(self, theta: float) -> float:
+        """The error of the encoder of its joint [rad, motor side] at the angle theta."""
+        return 0.0
+
+    def angle_delay(self) -> float:
+        """How much older [s] than its time stamp the recorded angle of its joint is."""
+        return 0.0
+
+
+class Law(Effect):
+    """An effect that is a torque at its port, given by the state of its joint."""
+
+    #: A linear law is an impedance in the fit, exact; a law in the simulation only.
+    linear: ClassVar[bool] = False
+
+    @abstractmethod
+    def law(self, at: State) -> Any:
+        """Its torque, floats or arrays, at its port: on the motor, on the link, or added to the spring's."""
+
+    def force(self, motion: Motion) -> Array | None:
+        if self.joint is None:
+            raise IdentError(f"effect {self.name}: a law of one joint; expected one")
+        return None if self.linear else np.asarray(self.law(motion.state(self.joint)))
+
+    def start(self) -> tuple[Callable[[State], float], Callable[[State], None]]:
+        """A law with a memory at rest: (the torque at a state, which changes nothing; what is to be remembered of it)."""
+        return self.law, lambda at: None

@@ -1,0 +1,106 @@
+"""The list of all effects, and how one is written on a command line: name:parameter=value,parameter=value@joint."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from ident.effects import declared, friction, hysteresis, link, motor, sensor, spring, structure
+from ident.effects.base import Effect
+from ident.errors import IdentError
+from symgen.robot import Drive
+
+CATALOGUE: dict[str, type[Effect]] = {
+    effect.name: effect
+    for effect in (
+        declared.MotorViscous,
+        friction.MotorCoulomb,
+        friction.MotorStribeck,
+        friction.MotorQuadraticDrag,
+        hysteresis.MotorHysteresis,
+        declared.MotorInertia,
+        motor.TorqueRipple,
+        motor.TorqueScale,
+        motor.TorqueOffset,
+        motor.TorqueLag,
+        motor.InputDelay,
+        motor.MotorCoupling,
+        declared.SpringDamping,
+        spring.SpringHardening,
+        spring.Backlash,
+        spring.TransmissionError,
+        friction.LinkViscous,
+        friction.LinkCoulomb,
+        friction.LoadDependentFriction,
+        link.CableStiffness,
+        declared.Payload,
+        declared.InertialParameters,
+        declared.GravityStiffness,
+        sensor.JointZeroOffset,
+        sensor.TimeOffset,
+        sensor.EncoderEccentricity,
+        structure.LockedJointElasticity,
+        structure.BaseCompliance,
+        structure.LinkFlexibility,
+        structure.AttachedResonator,
+        structure.RigidBodyCoupling,
+        declared.ChangeBetweenRecords,
+    )
+}
+
+_FORM = "name:parameter=value,parameter=value@joint"
+
+
+def parse(text: str, drives: Sequence[Drive]) -> Effect:
+    """Returns the effect that `text` names, to be injected in an arm with `drives` [n] in the order of its joints.
+
+    Values are absolute, in the units of the catalogue. A parameter not given takes its first plausible size; one that is
+    relative to K takes that share of the joint's, any other relative one must be given.
+    IdentError, one line: unknown effect, parameter or joint, a value out of bounds, one that is missing.
+    """
+    match = re.fullmatch(r"([^:@=,]+)(?::([^@]*))?(?:@(.+))?", text.strip())
+    if match is None:
+        raise IdentError(f"effect {text!r}: expected {_FORM}")
+    name, given, joint = match.groups()
+    if name not in CATALOGUE:
+        raise IdentError(f"effect {text!r}: unknown effect {name!r}; expected one of {', '.join(CATALOGUE)}")
+    cls = CATALOGUE[name]
+    if not cls.injectable:
+        raise IdentError(f"effect {text!r}: {name} is part of every simulated arm; it can not be added")
+    index = _joint(text, cls, joint, drives)
+    values = _values(text, given or "")
+    for p in cls.parameters:
+        if p.relative and p.name not in values:
+            if p.relative != "K":
+                raise IdentError(f"effect {text!r}: {p.name} is missing; expected {p.name}=<number> [{p.unit or '1'}]")
+            values[p.name] = p.sizes[0] * (drives[index].K if index is not None else max(d.K for d in drives))
+    effect = cls.of(index, values)
+    if isinstance(effect, motor.MotorCoupling):
+        effect.other(len(drives))
+    return effect
+
+
+def _joint(text: str, cls: type[Effect], joint: str | None, drives: Sequence[Drive]) -> int | None:
+    names = [drive.joint for drive in drives]
+    if joint is None:
+        if "arm" not in cls.scope:
+            raise IdentError(f"effect {text!r}: which joint? expected @ and one of {', '.join(names)}")
+        return None
+    if "joint" not in cls.scope:
+        raise IdentError(f"effect {text!r}: {cls.name} is an effect of the whole arm; expected no @joint")
+    if joint not in names:
+        raise IdentError(f"effect {text!r}: unknown joint {joint!r}; expected one of {', '.join(names)}")
+    return names.index(joint)
+
+
+def _values(text: str, given: str) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for item in given.split(",") if given else ():
+        name, equals, value = item.partition("=")
+        if not equals or not name or name in values:
+            raise IdentError(f"effect {text!r}: {item!r}; expected parameter=value, each parameter once")
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            raise IdentError(f"effect {text!r}: {name.strip()} = {value!r}; expected a number") from None
+    return values

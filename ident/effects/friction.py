@@ -1,0 +1,106 @@
+"""Friction: laws of the velocity at a port, dry ones smoothed over the creep of real contacts.
+
+A sign that jumps has no linear response and no model error small enough; a real contact creeps before it slides
+(B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), DOI 10.1016/0005-1098(94)90209-7). So
+sign(v) is tanh(v / creep) here: creep is about a hundredth of the speeds of a record, too small to be seen, and large
+against the velocity noise of an encoder.
+"""
+
+from __future__ import annotations
+
+from typing import Any, final
+
+import numpy as np
+
+from ident.effects.base import Complex, Known, Law, Parameter, State
+from ident.effects.impedance import at_link
+
+#: Speed [rad/s or m/s, joint side] at which dry friction has three quarters of its level.
+CREEP = 5e-4
+
+
+def direction(rate: Any, N: float = 1.0) -> Any:
+    """The smoothed sign of a velocity; a motor's with its gear ratio N."""
+    return np.tanh(rate / (CREEP * abs(N)))
+
+
+def _level(unit: str = "Nm") -> Parameter:
+    return Parameter("level", unit, 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque")
+
+
+@final
+class MotorCoulomb(Law):
+    """Dry friction of the motor and the fast gear stage."""
+
+    name, port = "motor-coulomb", "motor"
+    parameters = (_level(),)
+
+    def law(self, at: State) -> Any:
+        return -self["level"] * direction(at.omega, at.N)
+
+
+@final
+class MotorStribeck(Law):
+    """Dry friction that falls from level + peak to level as the oil film builds up: peak exp(-(omega/speed)^2) more."""
+
+    name, port = "motor-stribeck", "motor"
+    parameters = (
+        Parameter("level", "Nm", 0.0, 1.0, (0.05,), linear=True, relative="torque"),
+        Parameter("peak", "Nm", 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque"),
+        Parameter("speed", "rad/s", 0.02, 5.0, (0.3, 1.0), zero=None, relative="rate"),
+    )
+
+    def law(self, at: State) -> Any:
+        level, peak, speed = self.values
+        return -(level + peak * np.exp(-((at.omega / speed) ** 2))) * direction(at.omega, at.N)
+
+
+@final
+class MotorQuadraticDrag(Law):
+    """Churning oil, a fan: drag with the square of the speed."""
+
+    name, port = "motor-quadratic-drag", "motor"
+    parameters = (Parameter("drag", "Nms2/rad2", 0.0, 1.0, (0.05,), linear=True, relative="torque/rate^2"),)
+
+    def law(self, at: State) -> Any:
+        return -self["drag"] * at.omega * np.abs(at.omega)
+
+
+@final
+class LoadDependentFriction(Law):
+    """Gear friction in proportion to the torque that the gear carries: share |spring| / |N| against the motor."""
+
+    name, port = "load-dependent-friction", "motor"
+    parameters = (Parameter("share", "", 0.0, 1.0, (0.05, 0.02), linear=True),)
+
+    def law(self, at: State) -> Any:
+        return -self["share"] / abs(at.N) * np.abs(at.spring) * direction(at.omega, at.N)
+
+
+@final
+class LinkCoulomb(Law):
+    """Dry friction of the output bearing and its seals."""
+
+    name, port = "link-coulomb", "link"
+    parameters = (_level(),)
+
+    def law(self, at: State) -> Any:
+        return -self["level"] * direction(at.q_rate)
+
+
+@final
+class LinkViscous(Law):
+    """Viscous friction of the output bearing."""
+
+    name, port, linear = "link-viscous", "link", True
+    parameters = (Parameter("damping", "Nms/rad", 0.0, 10.0, (0.1, 0.02), linear=True, relative="torque/rate"),)
+
+    def law(self, at: State) -> Any:
+        return -self["damping"] * at.q_rate
+
+    def force(self, motion: Any) -> None:
+        """None: it is linear, and exact as an impedance."""
+        return
+
+    def impedance(self, s: Complex, arm: Known) -> Complex:
+        return at_link(s * self["damping"], self.joint, len(arm.N))

@@ -1,0 +1,58 @@
+"""Presliding: before it slides a dry contact is a spring that forgets (P. Dahl, Aerospace Corp. TOR-0158 (1968))."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import exp
+from typing import final
+
+import numpy as np
+
+from ident.effects.base import Array, Law, Motion, Parameter, State
+
+
+@final
+class MotorHysteresis(Law):
+    """Dahl's friction on the motor: F' = (level / distance) (1 - F/level sign(omega)) omega.
+
+    F depends on the path only: along a stretch of one direction it goes to +-level exponentially in `distance`, exactly.
+    """
+
+    name, port = "motor-hysteresis", "motor"
+    parameters = (
+        Parameter("level", "Nm", 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque"),
+        Parameter("distance", "rad", 0.005, 5.0, (0.1, 0.5), zero=None, relative="angle"),
+    )
+
+    def law(self, at: State) -> float:
+        raise NotImplementedError("a law with a memory: see `start`")
+
+    def force(self, motion: Motion) -> Array:
+        """Its torque [S] when the period goes on for ever: the recursion is affine, so its fixed point is known."""
+        level, distance = self.values
+        assert self.joint is not None
+        theta = motion.theta[:, self.joint]
+        step = np.diff(theta, prepend=theta[-1])
+        kept = np.exp(-np.abs(step) / distance)
+        added = np.sign(step) * (1.0 - kept)
+        F, values = 0.0, []
+        for a, b in zip(kept.tolist(), added.tolist(), strict=True):
+            F = a * F + b
+            values.append(F)
+        left = np.cumprod(kept)
+        start = values[-1] / (1.0 - left[-1]) if left[-1] < 1.0 else 0.0
+        return np.asarray(-level * (np.array(values) + left * start))
+
+    def start(self) -> tuple[Callable[[State], float], Callable[[State], None]]:
+        level, distance = self.values
+        memory: list[float] = []  # angle and F / level where it was last asked to remember
+
+        def friction(theta: float) -> float:
+            before, F = memory or (theta, 0.0)
+            kept = exp(-abs(theta - before) / distance)
+            return kept * F + (1.0 - kept if theta > before else kept - 1.0)
+
+        def remember(at: State) -> None:
+            memory[:] = [at.theta, friction(at.theta)]
+
+        return lambda at: -level * friction(at.theta), remember

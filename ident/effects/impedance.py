@@ -1,0 +1,80 @@
+"""What an effect adds to the dynamic stiffness of (theta/N, q) [S, 2n, 2n], and who feels what gives in the structure."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import expm
+
+from ident.effects.base import Array, Complex
+from symgen.chain import REVOLUTE, Chain, Inertia, skew
+
+
+def at_link(z: Complex, joint: int | None, n: int) -> Complex:
+    """z [S] on the link of a joint, nothing elsewhere."""
+    assert joint is not None
+    result = np.zeros((len(z), 2 * n, 2 * n), dtype=complex)
+    result[:, n + joint, n + joint] = z
+    return result
+
+
+def eliminated(s: Complex, coupling: Array, inertia: Array, stiffness: Array, damping: Array) -> Complex:
+    """What k more coordinates, each on its own spring, do to the links: -s^4 C^T (s^2 M + s d + k)^-1 C.
+
+    `coupling` C [k, n] and `inertia` M [k, k] in kg m2, `stiffness`, `damping` [k]. That of C's own share in J(q), if it
+    is new, is the caller's to add.
+    """
+    n = coupling.shape[1]
+    own = s[:, None, None] ** 2 * inertia
+    k = np.arange(len(inertia))
+    own[:, k, k] += s[:, None] * damping + stiffness
+    result = np.zeros((len(s), 2 * n, 2 * n), dtype=complex)
+    result[:, n:, n:] = -(s[:, None, None] ** 4) * (
+        coupling.T @ np.linalg.solve(own, np.broadcast_to(coupling + 0j, (len(s), *coupling.shape)))
+    )
+    return result
+
+
+def twists(chain: Chain, q: Array) -> tuple[Array, list[tuple[Array, Array]]]:
+    """Returns the twists [n, 6] of the joints (velocity at the base's origin, angular velocity; base axes), and the frames
+    (R [3, 3], p [3]) of the links, at posture q [n]."""
+    R, p = np.eye(3), np.zeros(3)
+    rows, frames = [], []
+    for joint, value in zip(chain.joints, q, strict=True):
+        R, p = R @ joint.R, p + R @ joint.p
+        axis = R @ joint.axis
+        if joint.type == REVOLUTE:
+            rows.append(np.concatenate([np.cross(p, axis), axis]))
+            R = R @ expm(skew(joint.axis) * value)
+        else:
+            rows.append(np.concatenate([axis, np.zeros(3)]))
+            p = p + axis * value
+        frames.append((R, p))
+    return np.array(rows), frames
+
+
+def coupling(chain: Chain, q: Array, motion: Array, link: int = 0, share: float = 1.0) -> tuple[Array, Array]:
+    """Returns (C [k, n], M [k, k]): the inertia that k more motions share with the joints, and their own [kg m2].
+
+    `motion` [k, 6]: twists, as `twists` gives them, that move a `share` of the body of `link` (from 0) and all links
+    behind it.
+    """
+    joints, frames = twists(chain, q)
+    bodies = [_spatial(joint.inertia.moved(R, p)) for joint, (R, p) in zip(chain.joints, frames, strict=True)]
+    bodies[link] = share * bodies[link]
+    carried = np.cumsum(bodies[::-1], axis=0)[::-1]  # what hangs on each joint
+    C = np.array([motion @ carried[max(j, link)] @ joints[j] for j in range(chain.n)]).T
+    return C, motion @ carried[link] @ motion.T
+
+
+def own_inertia(chain: Chain, q: Array, link: int, motion: Array) -> Array:
+    """What the body of one link alone contributes to the inertia between a `motion` [6] and the joints [n, kg m2]."""
+    joints, frames = twists(chain, q)
+    joints[link + 1 :] = 0.0
+    return np.asarray(joints @ _spatial(chain.joints[link].inertia.moved(*frames[link])) @ motion)
+
+
+def _spatial(body: Inertia) -> Array:
+    """The inertia [6, 6] of a body for (velocity at the origin, angular velocity)."""
+    c = skew(body.com)
+    m = body.mass
+    return np.block([[m * np.eye(3), -m * c], [m * c, body.I - m * c @ c]])
