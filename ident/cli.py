@@ -117,6 +117,10 @@ def _check(options: argparse.Namespace) -> None:
             raise IdentError(f"method {options.method!r}: expected one of {', '.join(METHODS)}")
     if getattr(options, "out", None) is None:
         return
+    if options.command in ("run", "fit", "export"):
+        from ident.export import check_place
+
+        check_place(options.out)
     out = Path(options.out)
     if options.command in ("simulate", "import"):
         if out.is_dir():

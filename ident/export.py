@@ -7,7 +7,6 @@ have (`ident.links`), and says how far that is from the estimate.
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -24,8 +23,8 @@ from ident.identified import Identified, of_identification, of_parts
 from ident.identify import Identification
 from ident.links import Links, nearest_links
 from ident.physical import pseudo_inertia
-from ident.robot_text import one_line, robot_toml
-from ident.urdf_text import read_inertias, replace_inertias
+from ident.robot_text import HEAD, one_line, robot_toml
+from ident.urdf_text import read_inertias, replace_inertias, xml_comment
 from symgen.chain import Chain, Inertia, skew
 from symgen.plan import Model, source_of_J, write_J
 from symgen.robot import Robot
@@ -77,6 +76,7 @@ def write_files(arm: Identified, directory: str | Path) -> tuple[Path, ...]:
     them can be written again (`read`). Raises IdentError naming the file that can not be written.
     """
     directory, model = Path(directory), arm.model
+    check_place(directory)
     links = nearest_links(model, arm.alpha, arm.covariance, arm.unseen)
     texts = {
         **source_of_J(model, links.alpha, model.chain.name),
@@ -97,12 +97,26 @@ def write_files(arm: Identified, directory: str | Path) -> tuple[Path, ...]:
         for name in names:
             target = directory / name
             os.replace(beside / name, target)
-    except OSError as error:
-        raise IdentError(f"{target}: cannot be written: {error.strerror}") from None
+    except (OSError, RuntimeError) as error:  # CasADi raises the latter
+        why = getattr(error, "strerror", None) or one_line(str(error))[:200]
+        raise IdentError(f"{target}: cannot be written: {why}") from None
     finally:
         with suppress(OSError):
             shutil.rmtree(beside)
     return tuple(directory / name for name in names)
+
+
+def check_place(directory: str | Path) -> None:
+    """Raises IdentError where the files would replace a robot.toml that somebody else wrote."""
+    file = Path(directory) / "robot.toml"
+    try:
+        foreign = file.is_file() and not file.read_bytes().startswith(HEAD.encode())
+    except OSError as error:
+        raise IdentError(f"{file}: cannot be read: {error.strerror}") from None
+    if foreign:
+        raise IdentError(
+            f"{file}: a robot's own file, which the identified one would replace; choose another directory"
+        )
 
 
 def read(path: str | Path) -> Identified:
@@ -223,7 +237,7 @@ def mjcf(arm: Identified, links: Links) -> str:
             "ctrlrange": f"-{limit} {limit}",
         }
     ET.indent(root)
-    return f"<!-- {_mjcf_comment(arm, links)} -->\n{ET.tostring(root, encoding='unicode')}\n"
+    return f"{_mjcf_comment(arm, links)}\n{ET.tostring(root, encoding='unicode')}\n"
 
 
 def _mjcf_comment(arm: Identified, links: Links) -> str:
@@ -234,4 +248,4 @@ def _mjcf_comment(arm: Identified, links: Links) -> str:
         "N^2 J_m, damping N^2 D), NAME_spring turns by the deflection of the spring (K, D_spring); the link angle is their sum.",
         "The control NAME is the motor torque, motor side [N m]; its gear is N. Links fixed to a link are part of its body.",
     ]
-    return re.sub(r"-(?=-)", "- ", "\n     ".join(lines)).rstrip("-")
+    return xml_comment("\n     ".join(lines))

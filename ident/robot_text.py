@@ -8,6 +8,8 @@ import re
 from ident.identified import Identified
 from symgen.robot import Drive
 
+#: How the file begins, and by what it is known again.
+HEAD = "# Identified from: "
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -18,7 +20,7 @@ def robot_toml(arm: Identified, remark: str) -> str:
     """
     e = arm.experiment
     lines = [
-        f"# Identified from: {one_line(arm.source)}.",
+        f"{HEAD}{one_line(arm.source)}.",
         f"# {one_line(remark)}",
         "# K, J_m, D and D_spring are identified; encoders, torque limits and the experiment as declared, or read from the records.",
         "[robot]",

@@ -43,7 +43,7 @@ def replace_inertias(text: str, bodies: Mapping[str, Inertia], comment: str) -> 
     """
     data = _ENCODING.sub(r"\g<1>utf-8", text, count=1).encode()
     spans = _spans(data)
-    edits = [(spans.robot, spans.robot, _comment(comment))]
+    edits = [(spans.robot, spans.robot, xml_comment(comment).encode() + b"\n")]
     for name, body in bodies.items():
         start, end = spans.links[name]
         if name in spans.inertials:
@@ -59,6 +59,11 @@ def replace_inertias(text: str, bodies: Mapping[str, Inertia], comment: str) -> 
     for first, last, new in sorted(edits, reverse=True):
         data = data[:first] + new + data[last:]
     return data.decode()
+
+
+def xml_comment(text: str) -> str:
+    """Returns the text as an XML comment; two hyphens would end it."""
+    return f"<!-- {re.sub('-(?=-)', '- ', text).rstrip('- ')} -->"
 
 
 @dataclass
@@ -123,9 +128,3 @@ def _element(body: Inertia, indent: bytes) -> bytes:
 
 def _number(value: float) -> str:
     return repr(float(value) + 0.0)
-
-
-def _comment(text: str) -> bytes:
-    """An XML comment; two hyphens would end it."""
-    safe = re.sub(r"-(?=-)", "- ", text).rstrip("-")
-    return f"<!-- {safe} -->\n".encode()
