@@ -3,6 +3,10 @@
 The forces of an effect follow from how its port moves, and that is measured: motor angles directly; spring torques from
 the motors' own equation, links by what those torques do to them. So a force is a known signal, whatever it depends on,
 and the arm stays linear under it. Nothing is integrated, no steady state is searched.
+
+Links are found from both equations that know of them, weighted by what each is worth: their own, in which the springs
+pull them towards the motors, and that of the motors, which tells the springs' torques. The first is blind at the
+anti-resonances and wrong by what a spring is not linear; the second is as noisy as the torque.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm_model import Extra, Parameters, Posture, links_of
+from ident.arm_model import Extra, Parameters, Posture, stiffness
 from ident.campaign import Array
 from ident.effects.base import Effect, Known, Motion
 from ident.excitation import synthesise
@@ -22,8 +26,8 @@ from ident.frf import Complex
 
 #: Samples a period per line of the band: laws with kinks need more than Nyquist's two.
 OVERSAMPLED = 4
-#: Links are read from the springs' torques above this share of the lowest mode with the motors held, from the motors' angles below.
-CROSSOVER = 0.5
+#: What the springs' law is doubted by, relative to their torque, where an effect acts at a spring; and the motors' equation.
+SPRING_DOUBT, MOTOR_DOUBT = 0.03, 1e-3
 #: Times the forces are computed from the links that they move.
 PASSES = 3
 
@@ -32,7 +36,7 @@ PASSES = 3
 class Scene:
     """One record as effects see it: m live of n joints at lines `lines` [L] of f0 [Hz], measured `tau`, `theta` [L, m].
 
-    `means` [2, n] of torques [N m] and motor angles [rad] and `posture` [n] are those of all joints. `slopes` are
+    `noise` [2, m] are the rms errors of tau and theta at a line. `means` [2, n] of torques [N m] and motor angles [rad] and `posture` [n] are those of all joints. `slopes` are
     (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by.
     """
 
@@ -43,6 +47,7 @@ class Scene:
     fs: float
     tau: Complex
     theta: Complex
+    noise: Array
     means: Array
     posture: Array
     N: Array
@@ -112,8 +117,9 @@ def _forces(
     """Forces on motors and links and errors of the angles [L, m], and the motion they follow from."""
     place = {int(j): k for k, j in enumerate(scene.arm.live)}
     forceful = [e for e in effects if _has_forces(e) and e.joint in place]
+    doubted = any(e.port == "spring" for e in forceful)
     on = {port: np.zeros(scene.theta.shape, dtype=complex) for port in ("motor", "spring", "link", "reading")}
-    moved = _motion(scene, p, linear, on)
+    moved = _motion(scene, p, linear, on, doubted)
     for _ in range(PASSES if forceful else 1):
         on = {port: np.zeros_like(forces) for port, forces in on.items()}
         for e in forceful:
@@ -126,11 +132,11 @@ def _forces(
         if scene.slopes is not None:
             on["link"] += scene.at_lines(_second_order(scene, p, moved))
         if forceful:
-            moved = _motion(scene, p, linear, on)
+            moved = _motion(scene, p, linear, on, doubted)
     return on["motor"] - on["spring"], on["link"] + on["spring"], on["reading"], moved
 
 
-def _motion(scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex]) -> Motion:
+def _motion(scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex], doubted: bool) -> Motion:
     """The motion of all joints, from the measured angles and torques under the forces found so far (joint side)."""
     arm, live, s = scene.arm, scene.arm.live, scene.s[:, None]
     N, K, m = arm.N, p.K[live], len(live)
@@ -138,17 +144,23 @@ def _motion(scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex
     theta = theta if linear.angle_gain is None else theta / linear.angle_gain
     tau = scene.tau if linear.torque_gain is None else scene.tau * linear.torque_gain
     x, added = theta / N, linear.impedance
-    q = links_of(arm, p, scene.s, x, on["link"] + on["spring"], added)
-    spring = N * tau + on["motor"] - (s**2 * (N**2 * p.J_m[live]) + s * (N**2 * p.D[live])) * x
-    J, K_g = arm.J(p), arm.K_rows @ p.gravity
-    free = (s**2)[..., None] * J + K_g
+    rotor = s**2 * (N**2 * p.J_m[live]) + s * (N**2 * p.D[live])
+    spring = N * tau + on["motor"] - rotor * x
+    to_motors, elastic = stiffness(arm, p, scene.s, added)[2:]
+    by_spring = on["link"] + on["spring"] - (to_motors @ x[..., None])[..., 0]
     if added is not None:
-        spring = spring - (added[:, :m] @ np.concatenate([x, q], axis=1)[..., None])[..., 0]
-        free = free + added[:, m:, m:]
-    by_torque = np.linalg.solve(free, (spring + on["link"])[..., None])[..., 0]
-    lowest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(J, np.diag(K) + K_g)).real).min()) / (2 * np.pi)
-    blend = 1.0 / (1.0 + (scene.f0 * scene.lines / (CROSSOVER * lowest)) ** 4)
-    q = blend[:, None] * q + (1.0 - blend[:, None]) * by_torque
+        q = np.linalg.solve(elastic, by_spring[..., None])
+        spring = spring - (added[:, :m] @ np.concatenate([x[..., None], q], axis=1))[..., 0]
+    free = elastic - _diagonal(K + s * p.D_spring[live])
+    tau_error, theta_error = scene.noise
+    doubt = SPRING_DOUBT if doubted else 0.0
+    equations = [
+        (elastic, by_spring, np.abs(K + s * p.D_spring[live]) / N * theta_error + doubt * np.abs(spring)),
+        (free, spring + on["link"], N * tau_error + np.abs(rotor) / N * theta_error + MOTOR_DOUBT * np.abs(N * tau)),
+    ]
+    weighted = [(A / error[..., None], b / error) for A, b, error in equations]
+    normal = sum(np.swapaxes(A.conj(), 1, 2) @ A for A, _ in weighted)
+    q = np.linalg.solve(normal, sum((np.swapaxes(A.conj(), 1, 2) @ b[..., None]) for A, b in weighted))[..., 0]
 
     stack = np.stack([theta, s * theta, tau, q, s * q, x - q, s * (x - q), spring], axis=1)
     periods = scene.in_time(stack).transpose(1, 0, 2)  # 8, S, m
@@ -161,6 +173,11 @@ def _motion(scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex
         signal[:, live] += period
         whole.append(signal)
     return Motion(1.0 / (scene.f0 * scene.samples), scene.N, *whole)
+
+
+def _diagonal(values: Complex) -> Complex:
+    """Diagonal matrices [L, m, m] of `values` [L, m]."""
+    return np.asarray(values[..., None] * np.eye(values.shape[1]))
 
 
 def _second_order(scene: Scene, p: Parameters, moved: Motion) -> Array:

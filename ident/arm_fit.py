@@ -128,12 +128,13 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
     usable[np.flatnonzero(band.excited)[frf.usable]] = True
     use = {"usable": usable, "excited": band.excited, "every": np.ones_like(usable)}[lines]
     arm = posture_at(campaign, model, basis, live, frf.posture)
+    samples = band.noise[:, use][:, :, np.concatenate([live, frf.n + live])]
+    floors = np.stack([ROUNDING * np.abs(band.tau[:, live]).max(axis=0), np.sqrt(frf.floor[live])]) + 1e-300
     scene = Scene(
         arm, frf.n, band.lines[use], band.f0, campaign.fs, band.tau[use][:, live], band.theta[use][:, live],
-        np.stack([band.mean_tau, band.mean_theta]), frf.posture, campaign.N,
+        np.maximum(np.sqrt(np.mean(np.abs(samples) ** 2, axis=(0, 1))).reshape(2, -1), floors), np.stack([band.mean_tau, band.mean_theta]), frf.posture, campaign.N,
         _slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
     )  # fmt: skip
-    samples = band.noise[:, use][:, :, np.concatenate([live, frf.n + live])]
     one = 2.0 * (BINS - ORDER)
     share = (frf.dof / one - 1.0) / (frf.width - 1) if frf.width > 1 else 1.0
     return Evidence(

@@ -178,16 +178,7 @@ def _held(
     return theta, derivatives
 
 
-def links_of(
-    arm: Posture, p: Parameters, s: Complex, x: Complex, on_link: Complex, impedance: Complex | None
-) -> Complex:
-    """Returns the link angles q [S, m] where the motors move by x = theta / N [S, m] and forces `on_link` [S, m] act."""
-    _, Z_lm, Z_ll = _stiffness(arm, p, s, impedance)[1:]
-    q: Complex = np.linalg.solve(Z_ll, (on_link - (Z_lm @ x[..., None])[..., 0])[..., None])[..., 0]
-    return q
-
-
-def _stiffness(
+def stiffness(
     arm: Posture, p: Parameters, s: Complex, impedance: Complex | None
 ) -> tuple[Complex, Complex, Complex, Complex]:
     """Returns the blocks [S, m, m] of the dynamic stiffness: motors, motors by links, links by motors, links."""
@@ -217,7 +208,7 @@ def _continuous(
     else [S, m, P, c]."""
     live, N, m = arm.live, arm.N, len(arm.live)
     K, J_m, D, D_spring = (values[live] for values in (p.K, p.J_m, p.D, p.D_spring))
-    Z_mm, Z_ml, Z_lm, Z_ll = _stiffness(arm, p, s, extra.impedance)
+    Z_mm, Z_ml, Z_lm, Z_ll = stiffness(arm, p, s, extra.impedance)
     yielding = np.linalg.inv(Z_ll)
     carried = -yielding @ Z_lm  # q per theta / N
     core = N[:, None] * np.linalg.inv(Z_mm + Z_ml @ carried)  # angle of the motors per force on the motors, joint side
