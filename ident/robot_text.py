@@ -22,7 +22,8 @@ def robot_toml(arm: Identified, remark: str) -> str:
     lines = [
         f"{HEAD}{one_line(arm.source)}.",
         f"# {one_line(remark)}",
-        "# K, J_m, D and D_spring are identified; encoders, torque limits and the experiment as declared, or read from the records.",
+        "# K, J_m, D and D_spring are identified. Encoders, torque limits and the experiment are as declared; where only records",
+        "# were at hand, as these show them: an encoder without visible steps has 2^20, a motor without a limit the largest torque.",
         "[robot]",
         'urdf = "identified.urdf"',
         f"believe_zeros = {str(arm.believes_zeros).lower()}",

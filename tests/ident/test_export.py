@@ -18,11 +18,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ident.bench import simulate
 from ident.campaign import Campaign, Record
 from ident.cli import main
 from ident.errors import IdentError
-from ident.export import read, write_arm, write_files
+from ident.export import read, write_arm, write_files, write_identified
 from ident.identified import Identified, of_parts
+from ident.identify import identify
 from ident.plant import build_plant
 from symgen.chain import Chain
 from symgen.plan import chain_of_robot, model_of_urdf
@@ -244,6 +246,25 @@ def test_a_robot_directory_lends_what_no_record_tells(tmp_path: Path) -> None:
             old.N,
         )
         assert new.K == K
+
+
+def test_one_record_leaves_the_other_drives_as_declared_and_says_so(tmp_path: Path) -> None:
+    robot = load_robot(ROBOTS / "ypp3")
+    quick = replace(robot, experiment=replace(robot.experiment, f0=0.5, periods=4))
+    campaign = simulate(chain_of_robot(robot), quick, [("joint3", (0.0, 0.0, 0.0))], lock="rigid", seed=1, workers=1)
+    found = identify(campaign, believe_zeros=True)
+    write_identified(found, tmp_path)
+    drives = load_robot(tmp_path).drives
+    for made, true in zip(drives, robot.drives, strict=True):
+        assert made.K == pytest.approx(true.K, rel=1e-3) and made.J_m == pytest.approx(true.J_m, rel=1e-3)
+        assert made.D > 0 and made.D_spring > 0
+    # a joint that is welded shows no encoder
+    assert [drive.encoder_counts for drive in drives] == [2**20, 2**20, robot.drives[2].encoder_counts]
+    text = (tmp_path / "robot.toml").read_text()
+    assert text.count("no record excites this joint") == 2
+    q = found.model.random_postures(100, np.random.default_rng(0))
+    J = crba((tmp_path / "identified.urdf").read_text(), found.model.chain, q)
+    assert np.abs(J - found.J(q)).max() < ACCURACY * np.abs(J).max()
 
 
 def record_of(joints: int, theta: np.ndarray, tau: np.ndarray, lines: list[int]) -> Record:
