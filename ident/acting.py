@@ -23,13 +23,14 @@ from ident.campaign import Array
 from ident.effects.base import Effect, Known, Motion
 from ident.excitation import synthesise
 from ident.frf import Complex
+from symgen.chain import Chain
 
 #: Samples a period per line of the band: laws with kinks need more than Nyquist's two.
 OVERSAMPLED = 4
 #: What the springs' law is doubted by, relative to their torque, where an effect acts at a spring; and the motors' equation.
 SPRING_DOUBT, MOTOR_DOUBT = 0.03, 1e-3
 #: Times the forces are computed from the links that they move.
-PASSES = 3
+PASSES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class Scene:
     """One record as effects see it: m live of n joints at lines `lines` [L] of f0 [Hz], measured `tau`, `theta` [L, m].
 
     `noise` [2, m] are the rms errors of tau and theta at a line. `means` [2, n] of torques [N m] and motor angles [rad] and `posture` [n] are those of all joints. `slopes` are
-    (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by.
+    (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by. `chain` the declared links.
     """
 
     arm: Posture
@@ -52,6 +53,7 @@ class Scene:
     posture: Array
     N: Array
     slopes: tuple[Array, Array] | None = None
+    chain: Chain | None = None
 
     @cached_property
     def samples(self) -> int:
@@ -70,17 +72,17 @@ class Scene:
         return np.asarray(np.fft.rfft(signal, axis=0)[self.lines] * (2.0 / self.samples))
 
 
-def known(scene: Scene, p: Parameters, base_inertia: Array | None = None) -> Known:
+def known(scene: Scene, p: Parameters) -> Known:
     """The arm as effects know it: J of the live joints, zero rows for the others."""
     J = np.zeros((scene.n, scene.n))
     J[np.ix_(scene.arm.live, scene.arm.live)] = scene.arm.J(p)
-    return Known(scene.N, p.K, p.J_m, p.D, p.D_spring, J, scene.posture, scene.fs, base_inertia)
+    return Known(scene.N, p.K, p.J_m, p.D, p.D_spring, J, scene.posture, scene.fs, chain=scene.chain)
 
 
-def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect], base_inertia: Array | None = None) -> Extra:
+def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extra:
     """Impedances and gains of `effects` at the lines."""
     live, n, s = scene.arm.live, scene.n, scene.s
-    arm = known(scene, p, base_inertia)
+    arm = known(scene, p)
     both = np.concatenate([live, n + live])
     impedances = [Z[:, both[:, None], both] for e in effects if (Z := e.impedance(s, arm)) is not None]
     torque = [g[:, live] for e in effects if (g := e.torque_gain(s, arm)) is not None]
@@ -92,9 +94,9 @@ def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect], base_in
     )
 
 
-def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], base_inertia: Array | None = None) -> Extra:
+def acting(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extra:
     """Everything in `effects` and, where `slopes` are given, the rigid-body terms, at the lines of the record."""
-    linear = linear_extra(scene, p, effects, base_inertia)
+    linear = linear_extra(scene, p, effects)
     if scene.slopes is None and not any(_has_forces(e) for e in effects):
         return linear
     on_motor, on_link, reading = _forces(scene, p, effects, linear)[:3]
@@ -124,9 +126,12 @@ def _forces(
         on = {port: np.zeros_like(forces) for port, forces in on.items()}
         for e in forceful:
             k = place[e.joint or 0]
-            if (law := e.force(moved)) is not None:
-                port = e.port if e.port in ("motor", "spring") else "motor" if e.port == "sensor" else "link"
-                on[port][:, k] += scene.at_lines(law) * (scene.arm.N[k] if port == "motor" else 1.0)
+            loads = [(e.port, k, law)] if (law := e.force(moved)) is not None else []
+            if type(e).loads is not Effect.loads:
+                states = [moved.state(j) for j in range(scene.n)]
+                loads += [(port, place[j], load) for port, j, load in e.loads(states) if j in place]
+            for port, i, load in loads:
+                on[port][:, i] += scene.at_lines(load) * (scene.arm.N[i] if port == "motor" else 1.0)
             if (error := e.reading(moved)) is not None:
                 on["reading"][:, k] += scene.at_lines(error)
         if scene.slopes is not None:
@@ -172,7 +177,7 @@ def _motion(scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex
         signal = np.tile(mean, (scene.samples, 1))
         signal[:, live] += period
         whole.append(signal)
-    return Motion(1.0 / (scene.f0 * scene.samples), scene.N, *whole)
+    return Motion(1.0 / (scene.f0 * scene.samples), scene.N, *whole, K=p.K)
 
 
 def _diagonal(values: Complex) -> Complex:

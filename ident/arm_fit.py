@@ -133,7 +133,7 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
     scene = Scene(
         arm, frf.n, band.lines[use], band.f0, campaign.fs, band.tau[use][:, live], band.theta[use][:, live],
         np.maximum(np.sqrt(np.mean(np.abs(samples) ** 2, axis=(0, 1))).reshape(2, -1), floors), np.stack([band.mean_tau, band.mean_theta]), frf.posture, campaign.N,
-        _slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
+        _slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None, model.chain,
     )  # fmt: skip
     one = 2.0 * (BINS - ORDER)
     share = (frf.dof / one - 1.0) / (frf.width - 1) if frf.width > 1 else 1.0
@@ -224,13 +224,26 @@ def _step(problem: Problem, slope: Array, information: Array, damping: float) ->
 
 def weights_at(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Complex]:
     """The whitening matrices [L, m, m] of all records, for the arm at `vector`."""
-    p, effects = problem.parameters(vector), problem.effects_at(vector)
+    whole, effects = problem.parameters(vector), problem.effects_at(vector)
     found = []
     for one in problem.data:
+        p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
         linear = linear_extra(scene, p, effects)
         found.append(whitening(scene.arm, p, one.sampling, one.noise, scene.theta, doubt, linear))
     return found
+
+
+def in_record(p: Parameters, effects: Sequence[Effect], record: int) -> Parameters:
+    """The arm as it is in a record (from 0), where an effect changes it from one to the next."""
+    for effect in effects:
+        shares = effect.shares(record)
+        if shares:
+            changed = {name: np.array(getattr(p, name)) for name in shares}
+            for name, share in shares.items():
+                changed[name][effect.joint] *= 1.0 + share
+            p = replace(p, **changed)
+    return p
 
 
 def residual(
@@ -240,9 +253,9 @@ def residual(
     p, effects = problem.parameters(vector), problem.effects_at(vector)
 
     def run(effects: tuple[Effect, ...], derive: bool) -> tuple[Complex, Complex, Any]:
-        scene = problem.scene(one, effects)
-        extra: Extra = acting(scene, p, effects)
-        theta, slopes = motion_and_derivatives(scene.arm, p, one.sampling, scene.tau, extra, derive)
+        scene, here = problem.scene(one, effects), in_record(p, effects, one.index)
+        extra: Extra = acting(scene, here, effects)
+        theta, slopes = motion_and_derivatives(scene.arm, here, one.sampling, scene.tau, extra, derive)
         return scene.theta - theta, -slopes, scene
 
     r, slopes, scene = run(effects, derive)

@@ -12,7 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arm_fit import (
-    UNSEEN_INFORMATION, Evidence, Minimum, Problem, evidence, gravity_basis, minimise, posture_at, residual, scale_of, spectrum,
+    UNSEEN_INFORMATION,
+    Evidence,
+    Minimum,
+    Problem,
+    evidence,
+    gravity_basis,
+    minimise,
+    posture_at,
+    residual,
+    scale_of,
+    spectrum,
 )  # fmt: skip
 from ident.arm_model import Parameters, Posture
 from ident.campaign import Array, Campaign

@@ -271,6 +271,10 @@ class Effect(ABC):
         """The posture [n] at which the arm really is when it reads q [n]."""
         return q
 
+    def shares(self, record: int) -> dict[str, float]:
+        """By what shares K, J_m, D or D_spring of its joint are others in a record (from 0)."""
+        return {}
+
     # What it does to both ---------------------------------------------------------------------------------------------
 
     def loads(self, states: Sequence[State]) -> tuple[tuple[str, int, Any], ...]:

@@ -135,10 +135,14 @@ class ChangeBetweenRecords(Effect):
         Parameter("inertia", "", -0.9, 10.0, (0.0, 0.1)),
     )
 
-    def arm(self, arm: Arm, record: int) -> Arm:
+    def shares(self, record: int) -> dict[str, float]:
         first, K, D, J_m = self.values
-        if record + 1 < first:
+        return {"K": K, "D": D, "J_m": J_m} if record + 1 >= first else {}
+
+    def arm(self, arm: Arm, record: int) -> Arm:
+        if not self.shares(record):
             return arm
+        _, K, D, J_m = self.values
         return _with_drive(
             arm, self.joint, lambda d: replace(d, K=d.K * (1 + K), D=d.D * (1 + D), J_m=d.J_m * (1 + J_m))
         )
