@@ -13,32 +13,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symgen.chain import PARAMETERS, Array, Chain, readonly
-from symgen.errors import SymgenError
-from symgen.geometry import polynomials
-from symgen.inertia import DIGIT_DEGREE, Entry, Maps, derive, parameter_scale
-from symgen.kinematics import phi_rows
-
-#: A row is new when its part outside the span of the known ones is larger than this, relative to the row. The singular
-#: values kept and dropped differ by more than ten decades on every arm tried; the gap is reported.
-RANK_TOLERANCE = 1e-9
-
-#: Monomials are tried as pivots in order of degree; in the first passes only those well outside the known span count,
-#: which keeps the coefficients of the others small.
-_PIVOT_PASSES = (0.3, 0.03, RANK_TOLERANCE)
+from symgen.chain import PARAMETERS, REVOLUTE, Array, Chain, readonly
+from symgen.geometry import at_right_angles, polynomials
+from symgen.inertia import DIGIT_DEGREE, Entry, Maps, derive, length_scale, parameter_scale
+from symgen.kinematics import energy_row, twists
+from symgen.span import Growing, compressed, coordinates, nested, reached
 
 #: Units of constants, by the power of m.
 UNITS = ("kg", "kg m", "kg m2")
 
-#: Coefficients below this, relative to the largest of their monomial, are rounding of zero.
-_SMALL = 1e-11
+#: Random postures whose rows stand for an entry, per joint: more than any entry has constants (6 a joint).
+_SAMPLES = 10
+
+#: What contributes less than this to a monomial, relative to the largest contribution, is rounding of zero.
+_SMALL = 1e-13
 
 
 @dataclass(frozen=True)
 class Alpha:
     """One constant: coefficient `monomial` (row index) of J_ij, divided by the whole number `content`.
 
-    `row` [10 n] gives it as a combination of the bodies' inertial parameters; `unit` "kg m2", "kg m" or "kg".
+    `row` [10 n] gives it as a combination of the bodies' inertial parameters; `unit` "kg m2", "kg m" or "kg". Where `part`
+    is set it is only the part of that coefficient that the constants before it do not give: they nearly do.
     """
 
     name: str
@@ -48,6 +44,7 @@ class Alpha:
     content: int
     row: Array
     unit: str
+    part: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,8 @@ class Factoring:
     The first `d` constants are those the diagonal J_ii see (shared rank), the rest only off-diagonals. `S[i, j]` [M, D]
     is sparse with small coefficients; for readers. `believed` names the parameters taken as exactly zero.
     `rank_per_joint`, `new_per_joint` [n]; `singular_values` of the stacked coefficients of all J_ii (columns scaled to one
-    unit), relative to the largest: the first `d` count.
+    unit), relative to the largest: the first `d` count. `cost`: what was dropped below `span.RANK_TOLERANCE` changes J of
+    the chain's own bodies by this much of its largest entry; 0 where nothing but rounding was dropped.
     """
 
     chain: Chain
@@ -71,6 +69,7 @@ class Factoring:
     singular_values: Array
     believed: tuple[str, ...]
     free: NDArray[np.bool_]
+    cost: float = 0.0
 
     @property
     def singular_value_gap(self) -> tuple[float, float]:
@@ -105,45 +104,6 @@ def degrees(entry: Entry) -> NDArray[np.int64]:
     table = np.array([(*DIGIT_DEGREE[turning], 0, 0)[:5] for turning in entry.turning]).reshape(-1, 5)
     total: NDArray[np.int64] = table[np.arange(len(table)), entry.digits].sum(axis=1)
     return total
-
-
-class _Span:
-    """A growing orthonormal basis of the rows known so far."""
-
-    def __init__(self, width: int):
-        self.Q = np.zeros((width, 0))
-
-    def residual(self, A: Array) -> Array:
-        return A - (A @ self.Q) @ self.Q.T
-
-    def add(self, row: Array) -> Array:
-        """Adds one row; returns the new unit direction."""
-        direction = self.residual(self.residual(row))
-        direction = direction / np.linalg.norm(direction)
-        self.Q = np.column_stack([self.Q, direction])
-        return direction
-
-    def pivots(self, A: Array, order: NDArray[np.int64]) -> list[int]:
-        """Rows of A that complete the span of A, tried in `order`, well-conditioned ones first; adds them."""
-        size = np.linalg.norm(A, axis=1)
-        chosen: list[int] = []
-        left = self.residual(A)
-        for threshold in _PIVOT_PASSES:
-            while True:
-                outside = np.linalg.norm(left[order], axis=1) > threshold * np.maximum(size[order], 1e-300)
-                if not outside.any():
-                    break
-                row = int(order[np.argmax(outside)])
-                direction = self.add(A[row])
-                left = left - np.outer(left @ direction, direction)
-                chosen.append(row)
-        return chosen
-
-
-def _rank(A: Array) -> tuple[int, Array]:
-    """Rank and singular values of the rows of A."""
-    values: Array = np.linalg.svd(np.linalg.qr(A, mode="r") if A.shape[0] > A.shape[1] else A, compute_uv=False)
-    return int((values > RANK_TOLERANCE * values[0]).sum()) if values.size and values[0] > 0 else 0, values
 
 
 def _unit(chain: Chain, entry: Entry, monomial: int) -> str:
@@ -187,58 +147,107 @@ def factor(chain: Chain, *, believe_zeros: bool = False) -> Factoring:
     zero: NDArray[np.bool_] = believed_zeros(chain) if believe_zeros else np.zeros(10 * n, dtype=np.bool_)
     scale = np.where(zero, 0.0, 1.0 / parameter_scale(chain))
     diagonal = [(i, i) for i in reversed(range(n))]
-    off_diagonal = [(i, j) for i in range(n) for j in range(i + 1, n)]
+    pairs = diagonal + [(i, j) for i in range(n) for j in range(i + 1, n)]
     maps = Maps(chain)
-    entries = {pair: derive(chain, *pair, maps=maps) for pair in diagonal + off_diagonal}
-    entries = {pair: _without(entry, zero) for pair, entry in entries.items()}
-
-    span = _Span(10 * n)
-    found: list[Alpha] = []
-    new_per_joint = [0] * n
-    d = 0
-    for i, j in diagonal + off_diagonal:
-        entry = entries[i, j]
-        order = np.lexsort((np.arange(len(entry.digits)), degrees(entry)))
-        rows = span.pivots(entry.A * scale, order)
-        rows.sort(key=lambda row: tuple(_ORDER[entry.digits[row][::-1]]), reverse=True)
-        for row, content in zip(rows, _content(chain, entry, rows, ~zero), strict=True):
-            found.append(Alpha("", i, j, row, content, readonly(entry.A[row] / content), _unit(chain, entry, row)))
-        if i == j:
-            new_per_joint[i] = len(rows)
-            d += len(rows)
-    alphas = tuple(
-        replace(alpha, name=name) for alpha, name in zip(found, _names([(a.i, a.j) for a in found]), strict=True)
-    )
+    entries = {pair: _without(derive(chain, *pair, maps=maps), zero) for pair in pairs}
+    samples = _Samples(chain, scale)
+    spans, dropped = samples.spans(pairs)
+    tables = {pair: entry.A for pair, entry in entries.items()}
+    if dropped:
+        unscale = np.where(zero, 0.0, parameter_scale(chain))
+        tables = {pair: tables[pair] * scale @ span @ span.T * unscale for pair, span in spans.items()}
+    alphas, known = _constants(chain, entries, tables, spans, scale)
     W = np.array([alpha.row for alpha in alphas])
-    to_alpha = scale[:, None] * np.linalg.pinv(W * scale)
-    stacked = np.concatenate([entries[pair].A for pair in diagonal]) * scale
-    rank, values = _rank(stacked)
-    if rank != d or any(_outside(chain, entry, W * scale, scale) for entry in entries.values() if not entry.complete):
-        raise SymgenError(
-            f"{chain.name}: the constants found do not span J(q) (rank {rank}, {d} found): please report this robot"
-        )
+    S, size = {}, np.linalg.norm(W * scale, axis=1)
+    for pair, entry in entries.items():
+        P = coordinates((W * scale)[: known[pair]])
+        S[pair] = readonly(_sparse(entry.A * scale, P, size))
+    values = np.linalg.svd(compressed(np.concatenate([entries[pair].A for pair in diagonal]) * scale), compute_uv=False)
     return Factoring(
         chain=chain,
         entries=entries,
         alphas=alphas,
-        d=d,
+        d=known[0, 0],
         W=readonly(W),
-        S={pair: readonly(_sparse(entry.A @ to_alpha)) for pair, entry in entries.items()},
-        rank_per_joint=tuple(_rank(entries[i, i].A * scale)[0] for i in range(n)),
-        new_per_joint=tuple(new_per_joint),
+        S=S,
+        rank_per_joint=tuple(reached(samples.of(i, i))[0].shape[1] for i in range(n)),
+        new_per_joint=tuple(sum(alpha.i == alpha.j == i for alpha in alphas) for i in range(n)),
         singular_values=readonly(values / values[0]),
         believed=tuple(f"{PARAMETERS[p % 10]} of {chain.joints[p // 10].link}" for p in np.flatnonzero(zero)),
         free=~zero,
+        cost=samples.cost(W, known) if dropped else 0.0,
     )
 
 
-def _outside(chain: Chain, entry: Entry, W: Array, scale: Array) -> bool:
-    """Whether an entry that is not written out in full has rows outside the span of the constants, at random postures."""
-    low, high = chain.limits.T
-    q = low + (high - low) * np.random.default_rng(0).random((4 * chain.n, chain.n))
-    rows = phi_rows(chain, q, entry.i, entry.j) * scale
-    basis = np.linalg.qr(W.T)[0]
-    return bool(np.linalg.norm(rows - rows @ basis @ basis.T) > RANK_TOLERANCE * np.linalg.norm(rows))
+class _Samples:
+    """Rows of J(q) over the scaled parameters at random postures, comparable whatever the unit: a slide's motion is counted
+    in `length_scale`. They span what the monomials span, without their number."""
+
+    def __init__(self, chain: Chain, scale: Array):
+        length, turning = length_scale(chain), [joint.type == REVOLUTE for joint in chain.joints]
+        rng = np.random.default_rng(0)
+        self._q = np.where(turning, np.pi, length) * rng.uniform(-1.0, 1.0, (_SAMPLES * chain.n, chain.n))
+        self._speeds = rng.normal(size=self._q.shape) * np.where(turning, 1.0, length)
+        self._size = np.where(turning, 1.0, length)
+        self._scale, self._phi = scale, chain.parameters * parameter_scale(chain)
+        self._twists = twists(chain, self._q)
+
+    def of(self, i: int, j: int) -> Array:
+        """Rows of J_ij [m, 10 n]."""
+        rows = np.zeros((len(self._q), self._scale.size))
+        for k in range(max(i, j), len(self._twists)):
+            rows[:, 10 * k : 10 * k + 10] = energy_row(self._twists[k][:, i], self._twists[k][:, j])
+        weighted: Array = rows * self._scale * (self._size[i] * self._size[j])
+        return weighted
+
+    def spans(self, pairs: list[tuple[int, int]]) -> tuple[dict[tuple[int, int], Array], bool]:
+        """For each entry an orthonormal basis of what it and those before it span, each within the next; and whether more
+        than rounding is dropped."""
+        moving = [(self._speeds[:, None, : k + 1] @ twist)[:, 0] for k, twist in enumerate(self._twists)]
+        whole, dropped = reached(np.hstack([energy_row(v, v) for v in moving]) * self._scale)
+        bases, more = nested([self.of(*pair) for pair in pairs], whole)
+        return dict(zip(pairs, bases, strict=True)), dropped or more
+
+    def cost(self, W: Array, known: dict[tuple[int, int], int]) -> float:
+        """What J of the chain's own bodies differs from that of their constants, relative to its largest entry."""
+        largest = worst = 0.0
+        for pair, count in known.items():
+            rows, scaled = self.of(*pair), W[:count] * self._scale
+            worst = max(worst, float(np.abs((rows - rows @ coordinates(scaled) @ scaled) @ self._phi).max()))
+            largest = max(largest, float(np.abs(rows @ self._phi).max()))
+        return worst / largest
+
+
+def _constants(
+    chain: Chain,
+    entries: dict[tuple[int, int], Entry],
+    tables: dict[tuple[int, int], Array],
+    spans: dict[tuple[int, int], Array],
+    scale: Array,
+) -> tuple[tuple[Alpha, ...], dict[tuple[int, int], int]]:
+    """The constants in the order of the entries in `spans`, and how many are known once each entry is.
+
+    `tables` [M, 10 n]: what of the entries' rows lies within the spans.
+    """
+    exact, free = at_right_angles(chain), scale > 0
+    unscale = np.where(free, parameter_scale(chain), 0.0)
+    growing = Growing(10 * chain.n)
+    found: list[Alpha] = []
+    known = {}
+    for (i, j), span in spans.items():
+        entry, table = entries[i, j], tables[i, j]
+        order = np.lexsort((np.arange(len(entry.digits)), degrees(entry)))
+        added = dict(growing.complete(table * scale, order, span, exact=exact))
+        rows = sorted(added, key=lambda row: tuple(_ORDER[entry.digits[row][::-1]]), reverse=True)
+        plain = [row for row in rows if added[row] is None]
+        content = dict(zip(plain, _content(chain, entry, plain, free), strict=True))
+        for row in rows:
+            part, whole = added[row], content.get(row, 1)
+            coefficient = table[row] / whole if part is None else part * unscale
+            found.append(Alpha("", i, j, row, whole, readonly(coefficient), _unit(chain, entry, row), part is not None))
+        known[i, j] = len(found)
+    names = _names([(alpha.i, alpha.j) for alpha in found])
+    return tuple(replace(alpha, name=name) for alpha, name in zip(found, names, strict=True)), known
 
 
 def _without(entry: Entry, zero: NDArray[np.bool_]) -> Entry:
@@ -249,9 +258,14 @@ def _without(entry: Entry, zero: NDArray[np.bool_]) -> Entry:
     return replace(entry, digits=entry.digits[kept], A=A[kept])
 
 
-def _sparse(S: Array) -> Array:
-    """Coefficients with rounding removed: tiny ones to zero, those within 1e-12 of a whole number to it."""
-    largest = np.abs(S).max(axis=1, keepdims=True, initial=0.0)
-    S = np.where(np.abs(S) < _SMALL * np.maximum(largest, 1e-300), 0.0, S)
+def _sparse(A: Array, P: Array, size: Array) -> Array:
+    """The coefficients A P [M, D], the last zero, with rounding removed: tiny ones to zero, those within 1e-12 of a whole
+    number to it. `size` [D] of the constants' rows: a coefficient is tiny by what it contributes."""
+    S = np.zeros((len(A), len(size)))
+    S[:, : P.shape[1]] = A @ P
+    contribution = np.abs(S) * size
+    largest = contribution.max(axis=1, keepdims=True, initial=0.0)
+    S[contribution < _SMALL * np.maximum(largest, 1e-300)] = 0.0
     whole = np.round(S)
-    return np.where(np.abs(S - whole) < 1e-12 * np.maximum(np.abs(whole), 1.0), whole, S)
+    near = np.abs(S - whole) < 1e-12 * np.abs(whole)
+    return np.where(near, whole, S)

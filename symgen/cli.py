@@ -229,6 +229,8 @@ def _print(document: dict[str, Any]) -> None:
         f"{document['shared_rank']} shared constants give every J_ii (singular values: {kept:g} kept, {dropped:g} dropped),"
     )
     print(f"{document['full_inertia_rank']} give all of J(q).")
+    if "dropped" in document:
+        print(f"What hardly matters is left out: it changes J by {document['dropped']['cost']:g} of its largest entry.")
     for row in document["unseen"]:
         print(
             f"  {row['directions']} directions of {row['entry']} no J_ii shows: {row['measure']} at {row['postures']} postures"

@@ -5,7 +5,8 @@ Link k (from 1) is the body behind joint k. `m_k` is its mass, `r_xk, r_yk, r_zk
 link k: `l_k` if it lies along one axis, `l_kx, l_ky, l_kz` otherwise; its sign is that of the URDF's number.
 
 The lengths are symbols when the arm is built at right angles: the coefficients are then polynomials in the lengths with
-whole coefficients (`geometry`). Otherwise they are decimal numbers in front of m, m r and I.
+whole coefficients (`geometry`). Otherwise, and for a constant that is only part of a coefficient, they are decimal
+numbers in front of m, m r and I.
 """
 
 from __future__ import annotations
@@ -113,7 +114,11 @@ def alpha_formulas(factoring: Factoring) -> list[Formula]:
             tables = polynomials(factoring.chain, factoring.entries[pair], [alpha.monomial for alpha in alphas], powers)
             tables = np.round(tables)
         else:
-            tables = np.array([alpha.row * alpha.content for alpha in alphas])[:, :, None, None]
+            tables = np.zeros((len(alphas), factoring.free.size, 1, 1))
+        for table, alpha in zip(tables, alphas, strict=True):
+            if alpha.part or not at_right_angles(factoring.chain):
+                table[...] = 0.0
+                table[:, 0, 0] = alpha.row * alpha.content
         for alpha, table in zip(alphas, tables, strict=True):
             terms = _terms(factoring, symbols, table / alpha.content)
             formulas[alpha.name] = Formula(alpha.name, terms, _join(terms, latex=False), _join(terms, latex=True))

@@ -22,13 +22,15 @@ from symgen.kinematics import MOMENTS, energy_row, motion
 #: Angle (or slide) of one digit: the joints whose values are summed, with their signs.
 Angle = tuple[tuple[int, int], ...]
 
-#: Entries below this, relative to the arm's own length scale, are rounding of an exact zero.
-ZERO = 1e-13
+#: Entries below this, relative to the arm's own length scale, are rounding of an exact zero. Not more: the small true
+#: coefficients of an arm whose axes are nearly, but not quite, parallel add up over thousands of monomials.
+ZERO = 4e-15
 
 #: Entries with more monomials than this are not written out: only those up to `LOW_DEGREE` are, which span the same
 #: constants (`basis.factor` checks it). A general arm of 8 joints has 78125 in J_11.
 MOST_MONOMIALS = 20_000
 LOW_DEGREE = 3
+
 
 def _products() -> NDArray[np.int64]:
     """Where M1_ac M2_bd, M1_bd M2_ac, M1_ad M2_bc, M1_bc M2_ad stand in the outer product, for moments ab and cd [4, 6, 6]."""
@@ -41,7 +43,7 @@ _PRODUCTS = _products()
 _MIXED = np.array([x != y for x, y in MOMENTS])
 
 #: A run of parallel axes is accepted when the axes differ by less than this (they are snapped before).
-PARALLEL = 1e-12
+PARALLEL = 1e-13
 
 
 @dataclass(frozen=True)

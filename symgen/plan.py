@@ -255,6 +255,7 @@ def _document(
         "full_inertia_rank": len(factoring.alphas),
         "unseen": _unseen(factoring),
         "singular_value_gap": [_digits(kept, 3), _decade(dropped)],
+        **({"dropped": {"cost": _digits(factoring.cost, 2)}} if factoring.cost else {}),
         "snapped": _snapped(chain, unsnapped),
         "frozen": dict(chain.frozen),
         "lumped": [list(pair) for pair in chain.lumped],

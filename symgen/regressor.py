@@ -8,12 +8,13 @@ from symgen.basis import Factoring
 from symgen.chain import Array
 from symgen.inertia import parameter_scale
 from symgen.kinematics import energy_row, twists
+from symgen.span import coordinates
 
 
 def to_alpha(factoring: Factoring, count: int) -> Array:
     """The matrix P [10 n, count] with phi-row @ P = alpha-row for every row in the span of the first `count` constants."""
     scale = np.where(factoring.free, 1.0 / parameter_scale(factoring.chain), 0.0)
-    P: Array = scale[:, None] * np.linalg.pinv(factoring.W[:count] * scale)
+    P: Array = scale[:, None] * coordinates(factoring.W[:count] * scale)
     return P
 
 

@@ -38,6 +38,7 @@ QUICK = [seed for seed in range(120) if seed % 4 < 2]
 SECONDS = 5  # of processor time, for one run of the command
 MEGABYTES = 400  # by which the peak of the process may rise over all runs
 ROUNDING = 1e-12  # J(q) against Pinocchio's, relative to the largest entry, on the arm as read
+DROPPED = 1e-8  # what constants that hardly matter may cost in all, if the output says so; ten times that elsewhere
 UNSAID = 1e-8  # against Pinocchio's own reading of the file: angles are rounded by 1e-9 rad without a word
 
 #: Wrong, known and not mended yet: counted and told, but no failure. An entry that never shows up is to be removed.
@@ -308,8 +309,9 @@ def _judged(status: object, out: str, err: str, where: tuple[str, ...], left: li
         return str(status)
     document = json.loads(out)
     verified = document["verified"]
-    if not verified["relative_error"] <= ROUNDING:
-        return f"J(q) is off by {verified['relative_error']}"
+    cost = document.get("dropped", {"cost": 0.0})["cost"]
+    if not (verified["relative_error"] <= ROUNDING + 10 * cost and cost <= DROPPED):
+        return f"J(q) is off by {verified['relative_error']}, of which the output says {cost}"
     as_written = verified["relative_error_to_file_as_written"]  # None: Pinocchio does not read this file
     if as_written is not None and as_written > UNSAID and not document["snapped"]:
         return f"J(q) is off by {as_written} from Pinocchio's own reading of the file, and nothing was snapped"
