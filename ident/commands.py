@@ -1,4 +1,4 @@
-"""The commands around a real machine, for `cli`: import. Each parses, calls and prints."""
+"""The commands around a real machine, for `cli`: new, doctor, export-excitation, import. Each parses, calls and prints."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 from ident.errors import IdentError
 
@@ -15,11 +16,34 @@ _NewCommand = Callable[[str, str], argparse.ArgumentParser]
 
 def add(command: _NewCommand) -> None:
     """Adds the commands to the command line; each sets `action`, which takes the options and returns the exit status."""
+    new = command("new", "Make a robot directory from a URDF: a robot.toml with every key, its numbers to be checked.")
+    new.add_argument("urdf", metavar="URDF")
+    new.add_argument("-o", dest="out", metavar="DIR", help="the directory to make (default: the URDF's name)")
+    new.add_argument("--base", metavar="LINK", help="where the arm begins (default: at the root)")
+    new.add_argument("--tip", metavar="LINK", help="where it ends (default: at the end of the longest chain)")
+    new.set_defaults(action=_new)
+    doctor = command("doctor", "Say on one page whether a robot is ready for a campaign; exit status 1 if it is not.")
+    doctor.add_argument("robot", metavar="ROBOT_DIR", help="directory with robot.toml and the URDF it names")
+    doctor.set_defaults(action=_doctor)
+    play = command(
+        "export-excitation", "Write what a real robot has to play, and the map that brings its records back."
+    )
+    play.add_argument("plan", metavar="PLAN|ROBOT_DIR", help="a plan.json, or a robot directory, which is then planned")
+    play.add_argument(
+        "--robot", metavar="ROBOT_DIR", help="the robot of a plan.json that does not lie beside its robot.toml"
+    )
+    play.add_argument("-o", dest="out", metavar="DIR", required=True, help="write the files here")
+    play.add_argument("--seed", type=int, default=0, help="of the excitation (default 0)")
+    play.add_argument(
+        "--torque-constant", metavar="JOINT=NM_PER_A", action="append", default=[], help="this joint is driven in A"
+    )
+    play.set_defaults(action=_export_excitation)
     bring = command("import", "Bring measured records of a real machine into a campaign file, as a map.toml says.")
-    bring.add_argument("files", metavar="FILE", nargs="+", help="records: MAT, CSV, NPZ or HDF5, one a record")
+    bring.add_argument("files", metavar="FILE", nargs="*", help="records: MAT, CSV, NPZ or HDF5, one a file")
     bring.add_argument("--map", metavar="map.toml", help="which numbers are the torque and the angles of which joint")
     bring.add_argument("-o", dest="out", metavar="FILE.h5", help="the campaign file to write")
     bring.add_argument("--guess", action="store_true", help="print a first map.toml, to be checked by a person")
+    bring.add_argument("--keys", action="store_true", help="say what every key of a map.toml means")
     bring.add_argument("--urdf", metavar="URDF", help="with --guess: the declared robot")
     bring.set_defaults(action=_import)
 
@@ -29,6 +53,10 @@ def _import(options: argparse.Namespace) -> int:
     from ident.mapping import load_map
     from ident.store import write_campaign
 
+    if options.keys:
+        return _keys(options)
+    if not options.files:
+        raise IdentError("import: no FILE; expected the records to bring in")
     if options.guess:
         return _guess(options)
     if options.map is None:
@@ -49,6 +77,20 @@ def _import(options: argparse.Namespace) -> int:
     return 0
 
 
+def _keys(options: argparse.Namespace) -> int:
+    from ident.mapping import KEYS
+
+    if options.json:
+        print(json.dumps(KEYS))
+        return 0
+    titles = {"joint": "[joint.NAME]", "file": '[file."NAME"]', "signal": "a signal: {name = .., ..}"}
+    for table, keys in KEYS.items():
+        print(titles.get(table, f"[{table}]"))
+        for key, meaning in keys.items():
+            print(f"  {key:<26}{meaning}")
+    return 0
+
+
 def _guess(options: argparse.Namespace) -> int:
     from ident.guess import guess
 
@@ -60,3 +102,58 @@ def _guess(options: argparse.Namespace) -> int:
     text = guess(options.files, options.urdf)
     print(json.dumps({"map": text}) if options.json else text, end="\n" if options.json else "")
     return 0
+
+
+def _new(options: argparse.Namespace) -> int:
+    from ident.starter import new_robot
+
+    toml = new_robot(options.urdf, options.out or Path(options.urdf).stem, base=options.base, tip=options.tip)
+    if options.json:
+        print(json.dumps({"robot": str(toml.parent), "files": sorted(str(path) for path in toml.parent.iterdir())}))
+    else:
+        print(f"{toml}: check what is marked `check me`, then: ident doctor {toml.parent}")
+    return 0
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    from ident.doctor import examine
+    from ident.doctor_page import document, page
+
+    found = examine(options.robot)
+    print(json.dumps(document(found), ensure_ascii=False) if options.json else page(found))
+    return 0 if found.ready else 1
+
+
+def _export_excitation(options: argparse.Namespace) -> int:
+    from ident.playing import export_excitation
+    from symgen.plan import chain_of_robot, load_plan_cells, make_model, plan_of_robot
+    from symgen.robot import load_robot
+
+    path = Path(options.plan)
+    file = path / "plan.json" if path.is_dir() and not (path / "robot.toml").exists() else path
+    if file.is_dir():
+        robot = load_robot(file)
+        plan = plan_of_robot(robot)
+        chain, cells = plan.model.chain, plan.cells
+    else:
+        robot = load_robot(options.robot or file.parent)
+        chain = chain_of_robot(robot)
+        cells = load_plan_cells(file, make_model(chain, believe_zeros=robot.believe_zeros))
+    constants = dict(map(_constant, options.torque_constant))
+    files = export_excitation(robot, chain, cells, options.out, seed=options.seed, constants=constants)
+    if options.json:
+        print(json.dumps({"directory": options.out, "records": len(cells), "files": [str(file) for file in files]}))
+    else:
+        print(f"{options.out}: {len(cells)} records to play, and map.toml to bring them back with ident import")
+    return 0
+
+
+def _constant(text: str) -> tuple[str, float]:
+    joint, _, value = text.rpartition("=")
+    try:
+        constant = float(value)
+    except ValueError:
+        constant = 0.0
+    if not joint or not 0 < constant < float("inf"):
+        raise IdentError(f"--torque-constant {text}: expected JOINT=NM_PER_A, a number > 0")
+    return joint, constant

@@ -14,6 +14,7 @@ from ident.campaign import Array
 from ident.errors import ImportingError
 from ident.periodic import find_lines, find_period
 from ident.readers import Variables, read_variables
+from ident.toml_text import key, quoted
 from symgen.plan import chain_of_file
 
 Lines = NDArray[np.int64]
@@ -274,21 +275,21 @@ def _text(found: _Found, files: int) -> str:
         f'hold = "{hold}"  # CHECK: "zoh" if the torque below is the command, "band-limited" if it is measured behind a filter',
         "",
         "[robot]",
-        f"joints = [{', '.join(map(_quoted, found.names))}]",
-        "# no URDF: one link a joint stands in" if alone else f"urdf = {_quoted(str(found.urdf))}",
+        f"joints = [{', '.join(map(quoted, found.names))}]",
+        "# no URDF: one link a joint stands in" if alone else f"urdf = {quoted(str(found.urdf))}",
     ]
     for k, name in enumerate(found.names):
-        rows += ["", f"[joint.{_key(name)}]", *_joint(found, k)]
+        rows += ["", f"[joint.{key(name)}]", *_joint(found, k)]
     rows += [
         "",
         "[record]",
-        f"excited = {_quoted(found.names[found.excited])}  # its torque is the largest; CHECK",
+        f"excited = {quoted(found.names[found.excited])}  # its torque is the largest; CHECK",
         "posture_rad = [0]"
         if alone and len(found.names) == 1
         else 'posture_rad = "measured"  # CHECK: or the angles at rest',
     ]
     if found.time:
-        rows.append(f'time = {{name = {_quoted(found.time[0])}, unit = "{found.time[1]}"}}  # {fs:.6g} Hz')
+        rows.append(f'time = {{name = {quoted(found.time[0])}, unit = "{found.time[1]}"}}  # {fs:.6g} Hz')
     elif found.rate:
         rows.append(f"sample_rate_Hz = {found.rate:.10g}  # the file says so")
     else:
@@ -369,14 +370,4 @@ def _angle_unit(channel: _Channel) -> tuple[str, float]:
 
 def _signal(channel: _Channel, rest: str) -> str:
     column = "" if channel.column is None else f", column = {channel.column + 1}"
-    return f"{{name = {_quoted(channel.name)}{column}{', ' + rest if rest else ''}}}"
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _quoted(name)
-
-
-def _quoted(text: str) -> str:
-    """A TOML string."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
+    return f"{{name = {quoted(channel.name)}{column}{', ' + rest if rest else ''}}}"

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+import ident.cli
+from ident.mapping import load_map
 from symgen import cli
 
 ROOT = Path(__file__).parents[2]
@@ -61,3 +63,16 @@ def test_the_ident_example_has_the_shape_of_what_ident_prints() -> None:
         "alpha_31", "alpha_21", "alpha_22", "alpha_11", "alpha_12", "alpha_13",
     ]  # fmt: skip
     assert [line.split(":")[0] for line in shown[-3:]] == ["Report", "Plot", "Robot"]
+
+
+def test_the_doctor_finds_what_readme_says(capsys: pytest.CaptureFixture[str]) -> None:
+    assert ident.cli.main(["doctor", str(ROOT / "robots/scara4")]) == 1
+    shown = block("doctor")
+    assert capsys.readouterr().out.splitlines()[-len(shown) :] == shown
+
+
+def test_the_map_is_one(tmp_path: Path) -> None:
+    (tmp_path / "map.toml").write_text("\n".join(block("map")))
+    found = load_map(tmp_path / "map.toml")
+    assert found.hold == "band-limited" and [joint.name for joint in found.joints] == ["motor"]
+    assert found.joints[0].signals["torque"].current and found.record.reference is not None

@@ -1,0 +1,156 @@
+"""A robot directory to start from, and the doctor's page on it and on robots that are not ready."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ident.cli import main
+from ident.doctor import Examination, examine
+from ident.doctor_page import page
+from ident.errors import IdentError
+from ident.starter import new_robot, starting_drives
+from symgen.plan import chain_of_file, chain_of_robot
+from symgen.robot import load_robot
+
+ROBOTS = Path(__file__).parents[2] / "robots"
+
+
+@pytest.mark.parametrize("name", ["ypp3", "arm6", "arm7", "scara4"])
+def test_the_numbers_to_start_from_put_every_mode_into_the_band(name: str) -> None:
+    """f_AR and f_R of two masses, over Pinocchio's inertia at random postures; torque is left beside gravity."""
+    urdf = ROBOTS / name / f"{name}.urdf"
+    chain, _ = chain_of_file(urdf)
+    drives, _, _ = starting_drives(chain, np.array([0.0, 0.0, -9.81]))
+    model = pin.buildModelFromUrdf(str(urdf))
+    data = model.createData()
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        q = pin.neutral(model)
+        angles = rng.uniform(*np.clip(chain.limits, -np.pi, np.pi).T)
+        for joint, value in zip(chain.joints, angles, strict=True):
+            k = model.joints[model.getJointId(joint.name)]
+            q[k.idx_q : k.idx_q + k.nq] = value if k.nq == 1 else [np.cos(value), np.sin(value)]
+        J = np.diag(pin.crba(model, data, q))
+        weight = np.abs(pin.computeGeneralizedGravity(model, data, q))
+        for i, (drive, joint) in enumerate(zip(drives, chain.joints, strict=True)):
+            v = model.joints[model.getJointId(joint.name)].idx_v
+            f_AR = np.sqrt(drive.K / J[v]) / (2 * np.pi)
+            f_R = f_AR * np.sqrt(1 + J[v] / (drive.N**2 * drive.J_m))
+            assert 1 < f_AR < f_R < 120, (name, i)
+            assert weight[v] < 0.7 * drive.N * drive.tau_max
+
+
+def test_a_new_robot_is_ready_and_says_what_to_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    home = tmp_path / "arm"
+    assert main(["new", str(ROBOTS / "ypp3/ypp3.urdf"), "-o", str(home)]) == 0
+    robot = load_robot(home)
+    assert chain_of_robot(robot).names == ("joint1", "joint2", "joint3")
+    assert robot.urdf.read_bytes() == (ROBOTS / "ypp3/ypp3.urdf").read_bytes()
+    text = (home / "robot.toml").read_text()
+    model = tomllib.loads((ROBOTS / "ypp3/robot.toml").read_text())  # knows all keys but three
+    for key in (*model["robot"], *model["experiment"], *model["joint"]["joint1"], "base", "tip", "at"):
+        assert re.search(rf"^(# )?{key} = .*#", text, re.MULTILINE), key
+    assert text.count("check me") >= 3 * 7
+    capsys.readouterr()
+    assert main(["doctor", str(home)]) == 0
+    assert capsys.readouterr().out.endswith("Ready for a campaign.\n")
+
+
+def test_nothing_of_a_person_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    urdf = ROBOTS / "ypp3/ypp3.urdf"
+    new_robot(urdf, tmp_path / "arm")
+    before = (tmp_path / "arm/robot.toml").read_bytes()
+    with pytest.raises(IdentError, match="exists"):
+        new_robot(urdf, tmp_path / "arm")
+    assert (tmp_path / "arm/robot.toml").read_bytes() == before
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other/ypp3.urdf").write_text("mine")
+    with pytest.raises(IdentError, match="differs"):
+        new_robot(urdf, tmp_path / "other")
+    assert [path.name for path in (tmp_path / "other").iterdir()] == ["ypp3.urdf"]
+    assert main(["new", str(tmp_path / "nowhere.urdf"), "-o", str(tmp_path / "x")]) == 2
+    assert not (tmp_path / "x").exists() and capsys.readouterr().err.count("\n") == 1
+
+
+# the doctor -----------------------------------------------------------------------------------------------------------
+
+
+def spoiled(tmp_path: Path, *changes: tuple[str, str]) -> Examination:
+    home = tmp_path / "arm"
+    shutil.copytree(ROBOTS / "ypp3", home, dirs_exist_ok=True)
+    text = (ROBOTS / "ypp3/robot.toml").read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (home / "robot.toml").write_text(text)
+    return examine(str(home))
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Examination:
+    return spoiled(tmp_path_factory.mktemp("sound"))
+
+
+def test_figures_of_a_sound_robot(sound: Examination) -> None:
+    """J_33 = 0.0466 by the paper; gravity 2.6 and 21 N m by robot.toml's comment; the rest by (4) and K."""
+    one, two, three = sound.joints
+    assert sound.ready
+    assert three.J == pytest.approx((0.0466, 0.0466), rel=1e-4) and three.rotor == pytest.approx(0.1)
+    f_AR = np.sqrt(4500 / 0.0466) / (2 * np.pi)
+    assert three.f_AR == pytest.approx((f_AR, f_AR), rel=1e-3)
+    assert three.f_R == pytest.approx((f_AR * np.sqrt(1.466),) * 2, rel=1e-3)
+    assert three.gravity == pytest.approx(2.6 / 100, rel=0.05) and two.gravity == pytest.approx(21 / 200, rel=0.05)
+    assert two.sag == pytest.approx(21 / 4500, rel=0.05) and one.sag == pytest.approx(0, abs=1e-6)
+    assert sum(joint.records for joint in sound.joints) == len(sound.plan.cells)
+    assert all(joint.swing == pytest.approx(0.01, rel=1e-6) for joint in sound.joints)
+
+
+def test_the_page_is_a_page_and_the_json_has_the_same(sound: Examination, capsys: pytest.CaptureFixture[str]) -> None:
+    text = page(sound)
+    assert len(text.splitlines()) < 40
+    assert main(["doctor", str(ROBOTS / "ypp3"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["ready"] is True and [one["joint"] for one in found["joints"]] == ["joint1", "joint2", "joint3"]
+    assert found["joints"][2]["f_AR"] == pytest.approx(list(sound.joints[2].f_AR))
+
+
+#: (what to spoil, what the finding must speak of, whether a campaign is impossible)
+ILL = [
+    ((("K_Nm_per_rad = 4500\nD_Nms_per_rad = 1e-5", "K_Nm_per_rad = 90000\nD_Nms_per_rad = 1e-5"),), "joint3: its anti-resonance reaches 221", True),
+    ((("torque_limit_Nm = 2.0", "torque_limit_Nm = 0.29"),), "joint2: gravity takes", False),
+    ((("K_Nm_per_rad = 4500", "K_Nm_per_rad = 900"),), "mrad under gravity", False),
+    ((("J_m_kgm2 = 1e-5", "J_m_kgm2 = 1e-4"),), "joint3: J_ii falls to 0.047", False),
+    ((("D_spring_Nms_per_rad = 1.1", "D_spring_Nms_per_rad = 0.1"),), "joint2: its sharpest anti-resonance", False),
+    ((("encoder_counts_per_rev = 131072", "encoder_counts_per_rev = 512"),), "times the encoder's noise", False),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "says", "serious"), ILL, ids=[says for _, says, _ in ILL])
+def test_each_ailment_is_named(changes: tuple, says: str, serious: bool, sound: Examination, tmp_path: Path) -> None:
+    assert not any(says in finding.what for finding in sound.findings)
+    found = spoiled(tmp_path, *changes)
+    named = [finding for finding in found.findings if says in finding.what]
+    assert named and named[0].serious == serious and named[0].remedy
+    assert not serious or not found.ready
+
+
+def test_an_unstable_lock_is_a_problem(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The rotor's observer at 0.5 Hz with a PD of 60 Hz: by Routh's rule in `dob` no lock at all."""
+    found = spoiled(
+        tmp_path,
+        ("lock_pd_Hz = 5", "lock_pd_Hz = 60"),
+        ("lock_dob_Hz = 30", "lock_dob_Hz = 300"),
+        ("sample_rate_Hz = 1000", "sample_rate_Hz = 400"),
+    )
+    assert not found.ready
+    assert any("unstable" in finding.what for finding in found.findings)
+    assert main(["doctor", str(tmp_path / "arm")]) == 1
+    assert "NOT READY" in capsys.readouterr().out
