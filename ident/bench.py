@@ -3,65 +3,58 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from math import pi
+from math import isfinite, pi
+from typing import TypeVar
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ident.campaign import Campaign, Record
-from ident.dob import ClosedLoop, Servo, check_stable, close_loop, controller, hold_servo, lock_servo
+from ident.design import EXCITATIONS, LOCKS, RAMP, TORQUE_SHARE, Setup, place, prepare
+from ident.dob import controller
+from ident.effects.base import Effect
 from ident.errors import ExperimentError
-from ident.excitation import Multisine, random_phase_odd, schroeder, synthesise
-from ident.plant import Plant, build_plant, linearise
+from ident.injection import Injected, inject
+from ident.machine import Machine, steps_for
+from ident.plant import Linear, Plant, build_plant, linearise
 from symgen.chain import Chain
 from symgen.robot import Drive, Robot
 
+__all__ = [
+    "EXCITATIONS",
+    "LOCKS",
+    "TORQUE_SHARE",
+    "Job",
+    "Setup",
+    "design",
+    "head",
+    "in_parallel",
+    "prepare",
+    "run",
+    "simulate",
+]
+
 Array = NDArray[np.float64]
+_In = TypeVar("_In")
+_Out = TypeVar("_Out")
 
-LOCKS = ("dob", "rigid")
-EXCITATIONS = ("odd", "schroeder")
-
-#: Share of a motor's torque limit that preload and predicted peak may use together: the declared arm is not the true one.
-TORQUE_SHARE = 0.7
-
-#: Largest relative frequency error of an elastic mode that the integrator's step may cause: four times it on an inertia.
-MODE_ERROR = 2e-6
-
-#: The excitation grows from zero over this share of the first period, so that the arm starts without a jerk.
-RAMP = 0.25
+#: Most steps of the integrator a sample: a thousand times slower than an arm of real drives.
+MAX_STEPS = 1000
 
 #: A joint that strays this many times the allowed swing from rest, in the last period, is no longer at its posture.
 STRAY = 3.0
 
-_LIMIT_SLACK = 1e-6  # rad: limits and postures are written with a few digits
-
 
 @dataclass(frozen=True, eq=False)
-class Setup:
-    """One record, designed on the declared robot: what to play on which motor, and how the others are held.
-
-    `joint` (from 0) is excited at `posture` [n, rad] by `excitation`; `live` joints (from 0) are under `servos` [live].
-    Predicted: `growth` [1/s] of the slowest closed-loop mode, `swing` [rad] the largest peak of any motor or link about
-    rest (joint side), `torque` [live, N m] the peak of each motor, preload included.
-    """
-
-    joint: int
-    posture: Array
-    excitation: Multisine
-    live: tuple[int, ...]
-    servos: tuple[Servo, ...]
-    growth: float
-    swing: float
-    torque: Array
-
-
-@dataclass(frozen=True, eq=False)
-class _Job:
+class Job:
     """Everything one record needs, to be sent to a worker process. `chain` and `drives` are those of the simulated arm."""
 
     id: str
@@ -72,6 +65,7 @@ class _Job:
     steps: int | None
     integrator: str
     seed: np.random.SeedSequence
+    effects: tuple[Effect, ...] = ()
 
 
 def simulate(
@@ -83,6 +77,7 @@ def simulate(
     seed: int = 0,
     truth: Chain | None = None,
     truth_drives: Sequence[Drive] | None = None,
+    effects: Sequence[Effect] = (),
     excitation: str = "odd",
     integrator: str = "RK4",
     steps: int | None = None,
@@ -93,28 +88,64 @@ def simulate(
 
     `lock` "dob" holds the other joints by their motors (PD and disturbance observer), "rigid" freezes them (the paper's
     simulation). `truth` and `truth_drives` [n] are the simulated arm where it differs from the declared `chain` and
-    `robot`; the campaign tells the declared one only. `excitation`: "odd" (random phases, detection lines) or "schroeder"
-    (all lines). `steps` of the integrator a sample: chosen so that no mode in the band is off by more than `MODE_ERROR`.
+    `robot`, `effects` what it has besides; the campaign tells the declared one only. `excitation`: "odd" (random phases, detection lines) or "schroeder"
+    (all lines). `steps` of the integrator a sample: chosen by `Linear.rk4_steps`; RK4's linear part is exact at any step.
     Every record draws from its own seed: the result does not depend on `workers` (processes; more than one needs the
     caller's script to be guarded by `if __name__ == "__main__"`). `progress(done, total)` is called after every record.
 
-    ExperimentError naming joint and posture: outside the limits, gravity above the motor's torque, unstable lock, torque
+    ExperimentError naming joint and posture: outside the limits, gravity above the motor's torque, no stable lock, torque
     clipped, arm fallen to another equilibrium. All but the last two are found before anything is simulated.
     """
+    jobs = design(
+        chain, robot, cells, lock=lock, seed=seed, truth=truth, truth_drives=truth_drives, effects=effects, excitation=excitation,
+        integrator=integrator, steps=steps,
+    )  # fmt: skip
+    records: list[Record] = []
+    for record in in_parallel(run, jobs, workers):
+        records.append(record)
+        if progress:
+            progress(len(records), len(jobs))
+    return head(chain, robot, tuple(records), lock=lock, excitation=excitation, integrator=integrator)
+
+
+def design(
+    chain: Chain,
+    robot: Robot,
+    cells: Sequence[tuple[str, ArrayLike]],
+    *,
+    lock: str = "dob",
+    seed: int = 0,
+    truth: Chain | None = None,
+    truth_drives: Sequence[Drive] | None = None,
+    effects: Sequence[Effect] = (),
+    excitation: str = "odd",
+    integrator: str = "RK4",
+    steps: int | None = None,
+) -> tuple[Job, ...]:
+    """Returns one job for each of `cells`, ready to run; arguments and errors as in `simulate`."""
     drives = tuple(robot.drive(name) for name in chain.names)
     arm, true_drives = truth or chain, drives if truth_drives is None else tuple(truth_drives)
     if arm.names != chain.names:
         raise ExperimentError(f"truth has the joints {', '.join(arm.names)}; expected {', '.join(chain.names)}")
     jobs = []
     for k, ((name, q), cell) in enumerate(zip(cells, np.random.SeedSequence(seed).spawn(len(cells)), strict=True)):
-        design, noise = cell.spawn(2)
-        setup = prepare(chain, robot, name, q, lock=lock, excitation=excitation, rng=np.random.default_rng(design))
-        jobs.append(_Job(f"{k + 1:04d}", setup, robot, arm, true_drives, steps, integrator, noise))
-    records: list[Record] = []
-    for record in _run_all(jobs, min(workers, len(jobs))):
-        records.append(record)
-        if progress:
-            progress(len(records), len(jobs))
+        draw, noise = cell.spawn(2)
+        setup = prepare(chain, robot, name, q, lock=lock, excitation=excitation, rng=np.random.default_rng(draw))
+        jobs.append(Job(f"{k + 1:04d}", setup, robot, arm, true_drives, steps, integrator, noise, tuple(effects)))
+    return tuple(jobs)
+
+
+def head(
+    chain: Chain,
+    robot: Robot,
+    records: tuple[Record, ...],
+    *,
+    lock: str = "dob",
+    excitation: str = "odd",
+    integrator: str = "RK4",
+) -> Campaign:
+    """Returns the campaign of `records` as the engineer of the declared robot sees it; arguments as in `simulate`."""
+    drives = [robot.drive(name) for name in chain.names]
     held = "held by PD and disturbance observer" if lock == "dob" else "rigid"
     return Campaign(
         urdf=chain.source,
@@ -126,109 +157,62 @@ def simulate(
         K=np.array([drive.K for drive in drives]),
         gravity=robot.gravity,
         source=f"simulated: MuJoCo {mujoco.__version__}, {integrator}, other joints {held}, {excitation} multisine",
-        records=tuple(records),
+        records=records,
     )
 
 
-def prepare(
-    chain: Chain,
-    robot: Robot,
-    joint: str,
-    posture: ArrayLike,
-    *,
-    lock: str,
-    rng: np.random.Generator,
-    excitation: str = "odd",
-) -> Setup:
-    """Returns the record of one cell, designed on the linear model of the declared robot; arguments as in `simulate`.
+def in_parallel(work: Callable[[_In], _Out], items: Sequence[_In], workers: int) -> Iterator[_Out]:
+    """Yields work(item) for every item, in order, done by `workers` processes; in this one where one is enough.
 
-    The excitation is as large as `Experiment.swing` allows for every motor and link, and `TORQUE_SHARE` for every motor.
+    A worker ends with its parent, however that ends. ExperimentError if a worker dies.
     """
-    e = robot.experiment
-    q = _checked_posture(chain, joint, posture)
-    i, where = chain.names.index(joint), _where(joint, q)
-    for word, value, known in (("lock", lock, LOCKS), ("excitation", excitation, EXCITATIONS)):
-        if value not in known:
-            raise ExperimentError(f"{word} = {value!r}; expected {' or '.join(map(repr, known))}")
-    free = i if lock == "rigid" else None
-    plant = build_plant(chain, [robot.drive(name) for name in chain.names], robot.gravity, q, free=free)
-    loop, servos = _closed_loop(plant, robot, i)
-    growth = check_stable(loop, where)
-    signal = random_phase_odd(e.f0, e.band, rng, fs=e.fs) if excitation == "odd" else schroeder(e.f0, e.band)
-
-    m, port = len(plant.live), plant.live.index(i)
-    states = loop.response(signal.lines * signal.f0, port) * signal.spectrum[:, None]
-    torque = states @ loop.U.T
-    torque[:, port] += signal.spectrum
-    peak = np.abs(synthesise(signal.lines, states[:, : 2 * m], e.samples_per_period)).max()
-    peak_torque = np.abs(synthesise(signal.lines, torque, e.samples_per_period)).max(axis=0)
-    limits = np.array([plant.drives[k].tau_max for k in plant.live])
-    preload = np.abs(plant.preload[list(plant.live)])
-    room = TORQUE_SHARE * limits - preload
-    if np.any(room <= 0):
-        k = int(np.argmin(room / limits))
-        raise ExperimentError(
-            f"{where}: gravity alone needs {preload[k]:.3g} N m of motor {chain.names[plant.live[k]]!r}; expected less than "
-            f"{TORQUE_SHARE:.0%} of its limit of {limits[k]:g} N m"
-        )
-    scale = float(1 / max(peak / e.swing, np.max(peak_torque / room)))
-    return Setup(
-        i, q, signal.scaled(scale), plant.live, servos, growth, float(scale * peak), preload + scale * peak_torque
-    )
-
-
-def _checked_posture(chain: Chain, joint: str, posture: ArrayLike) -> Array:
-    if joint not in chain.names:
-        raise ExperimentError(f"cell excites joint {joint!r}; the arm has {', '.join(chain.names)}")
-    q = np.array(posture, dtype=float)
-    if q.shape != (chain.n,) or not np.all(np.isfinite(q)):
-        found = " ".join(str(posture).split())
-        raise ExperimentError(f"joint {joint!r}: posture {found}; expected {chain.n} finite numbers")
-    for one, value in zip(chain.joints, q, strict=True):
-        if not one.lower - _LIMIT_SLACK <= value <= one.upper + _LIMIT_SLACK:
-            raise ExperimentError(
-                f"{_where(joint, q)}: {one.name!r} = {value:g} is outside its limits [{one.lower:g}, {one.upper:g}]"
-            )
-    return q
-
-
-def _closed_loop(plant: Plant, robot: Robot, excited: int) -> tuple[ClosedLoop, tuple[Servo, ...]]:
-    """The declared plant under a soft hold of the excited joint and the lock of the others."""
-    e, linear = robot.experiment, linearise(plant)
-    drives = [plant.drives[k] for k in plant.live]
-    gravity = np.diag(linear.gravity_stiffness([drive.K for drive in drives]))
-    servos = []
-    for k, drive, J, dG in zip(plant.live, drives, np.diag(linear.link_inertia), gravity, strict=True):
-        inertia = float(J) + drive.N**2 * drive.J_m
-        servos.append(
-            hold_servo(drive.N, inertia, float(dG)) if k == excited else lock_servo(drive.J_m, e.lock_pd, e.lock_dob)
-        )
-    return close_loop(*linear.sampled(1 / e.fs), servos, 1 / e.fs), tuple(servos)
-
-
-def _run_all(jobs: list[_Job], workers: int) -> Iterator[Record]:
+    workers = min(workers, len(items))
     if workers <= 1:
-        yield from map(_run, jobs)
+        yield from map(work, items)
         return
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_follow_parent)
     try:
-        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-            yield from pool.map(_run, jobs)
+        yield from pool.map(work, items)
     except BrokenProcessPool:
         raise ExperimentError(
             "a worker process ended before its record was done; guard the calling script by "
             'if __name__ == "__main__", or use workers=1'
         ) from None
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
-def _run(job: _Job) -> Record:
+def _follow_parent() -> None:
+    """Ends this process when its parent is killed: a pool's workers would wait for ever. Ctrl-C is the parent's."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def wait() -> None:
+        if parent:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+def run(job: Job) -> Record:
     """Simulates one record on the true arm and reads it as a robot's controller would."""
     setup, robot, e = job.setup, job.robot, job.robot.experiment
     free = None if len(setup.live) == job.chain.n else setup.joint
     plant = build_plant(job.chain, job.drives, robot.gravity, setup.posture, free=free, integrator=job.integrator)
-    steps = job.steps or linearise(plant).rk4_steps(e.fs, e.band[1], MODE_ERROR)
+    where, linear = place(job.chain.names[setup.joint], setup.posture), linearise(plant)
+    Ts, top, injected = 1 / e.fs, setup.excitation.lines[-1] * e.f0, _injected(job, free, where)
+    steps = job.steps or (steps_for(injected, Ts, top) if injected else linear.rk4_steps(Ts, top))
+    if steps > MAX_STEPS:
+        raise ExperimentError(
+            f"{where}: the fastest motion of these drives takes {steps} steps of the integrator a sample, at most "
+            f"{MAX_STEPS}: check K_Nm_per_rad, D_spring_Nms_per_rad, D_Nms_per_rad and J_m_kgm2"
+        )
     plant.model.opt.timestep = 1 / (e.fs * steps)
-    where = _where(job.chain.names[setup.joint], setup.posture)
-    play = np.tile(setup.excitation.samples(e.fs), e.periods)
+    lacking = _lacking(linear, Ts, steps) if job.integrator == "RK4" else None
+    machine = Machine(injected, Ts, steps) if injected else None
+    plant = injected.plant if injected else plant
+    play = np.tile(setup.excitation.samples(e.fs), setup.periods)
     ramp = int(RAMP * e.samples_per_period)
     play[:ramp] *= (1 - np.cos(pi * np.arange(ramp) / ramp)) / 2
     size = np.array([plant.drives[k].tau_max for k in setup.live]) / plant.drives[setup.joint].tau_max
@@ -239,7 +223,7 @@ def _run(job: _Job) -> Record:
     rest = resolution * np.round(plant.rest / resolution)
     theta, tau = np.tile(rest, (len(play), 1)), np.tile(plant.preload, (len(play), 1))
     live = list(setup.live)
-    theta[:, live], tau[:, live] = _play(plant, setup, play, noise, resolution[live], steps, 1 / e.fs, where)
+    theta[:, live], tau[:, live] = _play(plant, setup, play, noise, resolution[live], steps, Ts, lacking, machine, where)
     _check_motion(theta, plant, e.swing, e.samples_per_period, where)
     return Record(
         id=job.id,
@@ -248,26 +232,60 @@ def _run(job: _Job) -> Record:
         f0=e.f0,
         lines=setup.excitation.lines,
         samples_per_period=e.samples_per_period,
-        periods=e.periods,
+        periods=setup.periods,
         rms=setup.excitation.rms,
         tau=tau,
         theta=theta,
     )
 
 
+def _injected(job: Job, free: int | None, where: str) -> Injected | None:
+    """The arm of the job with its effects, where it has any."""
+    if not job.effects:
+        return None
+    try:
+        return inject(
+            job.chain, job.drives, job.robot.gravity, job.setup.posture, job.effects,
+            record=int(job.id) - 1, free=free, integrator=job.integrator,
+        )  # fmt: skip
+    except ExperimentError as error:
+        raise ExperimentError(f"{where}: {error}") from None
+
+
+def _lacking(linear: Linear, Ts: float, steps: int) -> Array:
+    """`Linear.rk4_defect` [4m, 5m] in MuJoCo's coordinates: motor joint theta/N and spring joint q - theta/N by turns."""
+    m = len(linear.N)
+    both = np.kron(np.eye(2), np.vstack([np.kron(np.eye(m), [1.0, 0.0]), np.kron(np.eye(m), [1.0, 1.0])]))
+    defect = linear.rk4_defect(Ts, steps)
+    return np.ascontiguousarray(np.linalg.solve(both, np.hstack([defect[:, : 4 * m] @ both, defect[:, 4 * m :]])))
+
+
 def _play(
-    plant: Plant, setup: Setup, play: Array, noise: Array, resolution: Array, steps: int, Ts: float, where: str
+    plant: Plant,
+    setup: Setup,
+    play: Array,
+    noise: Array,
+    resolution: Array,
+    steps: int,
+    Ts: float,
+    lacking: Array | None,
+    machine: Machine | None,
+    where: str,
 ) -> tuple[Array, Array]:
     """Encoder readings [T, live, rad] and commanded torques [T, live, N m]; plain floats, a million times a campaign."""
-    model, data = plant.model, plant.data()
+    model, data, m = plant.model, plant.data(), len(setup.live)
     live, drives = list(setup.live), [plant.drives[k] for k in setup.live]
     command = controller(setup.servos, plant.rest[live].tolist(), plant.preload[live].tolist(), Ts)
     encoder = [(drive.N / unit, unit) for drive, unit in zip(drives, resolution.tolist(), strict=True)]
     limits, port = [drive.tau_max for drive in drives], setup.live.index(setup.joint)
-    motor, ctrl = data.qpos[::2], data.ctrl
+    qpos, qvel, ctrl, motor = data.qpos, data.qvel, data.ctrl, data.qpos[::2]
+    at_rest, preload, away = plant.qpos, plant.preload[live], np.zeros(5 * m)
     theta, tau = [], []
     for k, (torque, disturbance) in enumerate(zip(play.tolist(), noise.tolist(), strict=True)):
-        read = [unit * round(counts * x) for x, (counts, unit) in zip(motor.tolist(), encoder, strict=True)]
+        state = machine.angles() if machine else motor.tolist()
+        if not isfinite(sum(state)):
+            raise ExperimentError(f"{where}: {k * Ts:.3f} s after the start the simulation has blown up")
+        read = [unit * round(counts * x) for x, (counts, unit) in zip(state, encoder, strict=True)]
         u = command(read)
         u[port] += torque
         for value, limit, drive in zip(u, limits, drives, strict=True):
@@ -278,9 +296,21 @@ def _play(
                 )
         theta.append(read)
         tau.append(u)
+        if machine:
+            machine.advance(u, disturbance)
+            continue
         ctrl[:] = [a + b for a, b in zip(u, disturbance, strict=True)]
+        if lacking is None:
+            mujoco.mj_step(model, data, steps)
+            continue
+        np.subtract(qpos, at_rest, out=away[: 2 * m])
+        away[2 * m : 4 * m] = qvel
+        np.subtract(ctrl, preload, out=away[4 * m :])
+        missing = lacking @ away
         mujoco.mj_step(model, data, steps)
-    return np.array(theta), np.array(tau)
+        qpos += missing[: 2 * m]
+        qvel += missing[2 * m :]
+    return machine.recorded(np.array(theta), resolution) if machine else np.array(theta), np.array(tau)
 
 
 def _check_motion(theta: Array, plant: Plant, swing: float, period: int, where: str) -> None:
@@ -291,10 +321,6 @@ def _check_motion(theta: Array, plant: Plant, swing: float, period: int, where: 
     j = int(np.argmax(peak))
     if peak[j] > STRAY * swing:
         raise ExperimentError(
-            f"{where}: {plant.drives[j].joint!r} moves {peak[j]:.3g} rad from rest in the last period (mean {mean[j]:.3g}); expected at "
-            f"most {STRAY:g} times the planned swing of {swing:g} rad: it fell, or the arm is not as declared"
+            f"{where}: {plant.drives[j].joint!r} moves {peak[j]:.3g} rad from rest in the last period (mean {mean[j]:.3g}); "
+            f"expected at most {STRAY:g} times the planned swing of {swing:g} rad: it fell, or the arm is not as declared"
         )
-
-
-def _where(joint: str, q: Array) -> str:
-    return f"joint {joint!r} at posture [{', '.join(f'{value:.4g}' for value in q)}]"

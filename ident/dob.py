@@ -27,6 +27,8 @@ GRAVITY_MARGIN = 3.0
 #: Lowest bandwidth of the hold [Hz]: it lets transients die within a few seconds and stays well below the first mode.
 HOLD_BANDWIDTH = 0.5
 
+_FAST = 0.1  # a mode that falls to a tenth within one sample has no resonance
+
 
 @dataclass(frozen=True)
 class Servo:
@@ -53,12 +55,14 @@ def lock_servo(J_m: float, f_pd: float, f_dob: float) -> Servo:
     return Servo(kp=J_m * w * w, kd=2 * LOCK_DAMPING * J_m * w, J=J_m, dob=2 * pi * f_dob)
 
 
-def hold_servo(N: float, inertia: float, gravity_stiffness: float) -> Servo:
-    """A soft PD for the excited joint: `inertia` [kg m2] and `gravity_stiffness` dG_i/dq_i [N m/rad] joint side.
+def hold_servo(N: float, inertia: float, gravity_stiffness: float, damping: float = 0.0) -> Servo:
+    """A soft PD for the excited joint: `inertia` [kg m2], `gravity_stiffness` dG_i/dq_i [N m/rad] and the motor's own
+    `damping` N^2 D [N m s/rad] joint side. Heavy damping needs a stiffer hold: the joint creeps back at stiffness/damping.
 
     No integral action during the record: it would eat the lowest lines. It has acted before, and its result is the preload.
     """
-    stiffness = max(GRAVITY_MARGIN * abs(gravity_stiffness), inertia * (2 * pi * HOLD_BANDWIDTH) ** 2)
+    w = 2 * pi * HOLD_BANDWIDTH
+    stiffness = max(GRAVITY_MARGIN * abs(gravity_stiffness), inertia * w**2, damping * w)
     return Servo(kp=stiffness / N**2, kd=2 * HOLD_DAMPING * sqrt(stiffness * inertia) / N**2)
 
 
@@ -103,6 +107,12 @@ class ClosedLoop:
         """Growth rate [1/s] of the slowest mode, log(spectral radius)/Ts: negative is stable."""
         return float(np.log(np.abs(np.linalg.eigvals(self.A)).max()) / self.Ts)
 
+    def sensitivity(self, frequency: Array) -> NDArray[np.complex128]:
+        """S = 1/(1 + L) [F, n] at each frequency [F, Hz], L the loop opened at one motor while the others stay closed."""
+        z = np.exp(2j * np.pi * frequency * self.Ts)
+        states = np.linalg.solve(z[:, None, None] * np.eye(len(self.A)) - self.A, self.B.astype(complex))
+        return np.asarray(1 + np.einsum("is,fsi->fi", self.U, states))
+
     def response(self, frequency: NDArray[np.floating], joint: int) -> NDArray[np.complex128]:
         """States per unit of r at motor `joint`, at each frequency [L, Hz]: [L, states]."""
         z = np.exp(2j * np.pi * frequency * self.Ts)
@@ -126,6 +136,53 @@ def close_loop(A: Array, B: Array, C: Array, servos: Sequence[Servo], Ts: float)
     plant = np.hstack([A, np.zeros((s, 3 * n))]) + B @ U
     # the excitation r is added behind the servo: the observer does not know of it, and the excited joint has none
     return ClosedLoop(np.vstack([plant, position, U, observed]), np.vstack([B, np.zeros((3 * n, n))]), U, Ts)
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far the loops are from instability, each opened at one motor: the worst of all motors.
+
+    A motor's gain may be multiplied by anything from `gain_down` to `gain_up` (1), its phase turned by `phase` [deg];
+    `distance` is the least |1 + L|: it bears both at once.
+    """
+
+    gain_down: float
+    gain_up: float
+    phase: float
+    distance: float
+
+
+def margins(loop: ClosedLoop) -> Margins:
+    """Returns the margins of a stable sampled loop, all joints coupled; infinite, zero or 180 deg where nothing is crossed.
+
+    Read on frequencies as close as the resonances of the closed loop are narrow, and interpolated between them.
+    """
+    poles = np.linalg.eigvals(loop.A)
+    poles = poles[(np.abs(poles) > _FAST) & (poles.imag >= 0)]
+    centre, width = np.angle(poles), -np.log(np.abs(poles))
+    around = (centre[:, None] + width[:, None] * np.array([-3, -1, -0.5, -0.2, 0, 0.2, 0.5, 1, 3])).ravel()
+    w = np.unique(np.concatenate([np.geomspace(1e-5 * pi, pi, 150), around[(around > 1e-5) & (around < pi)]]))
+    S = loop.sensitivity(w / (2 * pi * loop.Ts))
+    L = 1 / S - 1
+    gain = np.log(np.abs(L))
+    k, i, part = _crossings(gain)
+    turned = np.angle(L[k, i] * (L[k + 1, i] / L[k, i]) ** part)
+    phase = 180 - np.degrees(np.abs(turned)).max(initial=0.0)
+    k, i, part = _crossings(L.imag)
+    real = L[k, i].real + part * (L[k + 1, i].real - L[k, i].real)
+    factors = -1 / real[real < 0]
+    return Margins(
+        float(factors[factors < 1].max(initial=0.0)),
+        float(factors[factors > 1].min(initial=np.inf)),
+        float(phase),
+        float(1 / np.abs(S).max()),
+    )
+
+
+def _crossings(values: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """(k, i, part): between rows k and k + 1, at `part` of the way, column i of values [F, n] passes zero."""
+    k, i = np.nonzero(values[:-1] * values[1:] < 0)
+    return k, i, values[k, i] / (values[k, i] - values[k + 1, i])
 
 
 def _gains(servo: Servo, Ts: float) -> tuple[float, float, float, float, float]:

@@ -28,9 +28,9 @@ LINES = np.arange(3, 240, 4)
 #: Two joints of the symmetric arm; one posture shows both constants its diagonal has there, the others need the second.
 POSTURES = ([0.3, 0.6], [-0.4, -1.1])
 
-#: Error of J_ij(q) over sqrt(J_ii J_jj) at unseen postures that five short records are good for, three times what was seen (J_11 of
-#: generic links has seven constants, and two records of joint 1 tell them least).
-LIMIT = {"ypp3": 1e-3, "ypp3_general": 3e-2}
+#: Error of J_ij(q) over sqrt(J_ii J_jj) at unseen postures that five short records are good for, three times the predicted standard
+#: deviation of the worst entry (J_11 of generic links has seven constants, and two records of joint 1 tell them least).
+LIMIT = {"ypp3": 6e-3, "ypp3_general": 3e-2}
 
 
 @pytest.fixture(scope="module")
