@@ -138,7 +138,7 @@ class Motion:
 @dataclass(frozen=True, eq=False)
 class Known:
     """What is known of the arm where an effect is put: n joints, `N`, `K`, `J_m`, `D`, `D_spring` [n], J [n, n] at the record's
-    `posture` [n], and `fs` [Hz]. `base_inertia` [6, n + 6]: rows of the six base motions (shifts along, turns about x, y, z
+    `posture` [n], and `fs` [Hz]; rows of J of joints that are clamped, motor and link, are zero. `base_inertia` [6, n + 6]: rows of the six base motions (shifts along, turns about x, y, z
     of the base), columns (coupling to q, base itself). `chain` the declared links: where the structure of the arm gives,
     geometry says who feels it; without it such an effect is felt by its own joint only."""
 
@@ -171,8 +171,8 @@ class Body(Protocol):
 
     chain: Chain
 
-    def rock(self, axis: Sequence[float], stiffness: float, damping: float) -> None:
-        """Lets the whole arm turn about an axis through the base's origin, in base axes."""
+    def rock(self, stiffness: Sequence[float], damping: Sequence[float], inertia: Sequence[float]) -> None:
+        """Puts the arm on a base that turns about its x, y, z axes, each with its stiffness, damping, own inertia."""
 
     def split(self, link: int, share: float, axis: Sequence[float], stiffness: float, damping: float) -> None:
         """Lets a `share` of a link's body, and all that it carries, turn about an axis through its joint's origin."""
@@ -322,6 +322,6 @@ class Law(Effect):
             raise IdentError(f"effect {self.name}: a law of one joint; expected one")
         return None if self.linear else np.asarray(self.law(motion.state(self.joint)))
 
-    def start(self) -> tuple[Callable[[State], float], Callable[[State], None]]:
-        """A law with a memory at rest: (the torque at a state, which changes nothing; what is to be remembered of it)."""
-        return self.law, lambda at: None
+    def start(self) -> tuple[Callable[[State], Any], Callable[[State], None] | None]:
+        """Its law in a simulation from rest; and, for a law with a memory, what has to be called at the end of each step."""
+        return self.law, None

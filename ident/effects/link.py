@@ -16,7 +16,7 @@ class CableStiffness(Law):
 
     name, port, linear = "cable-stiffness", "link", True
     parameters = (
-        Parameter("stiffness", "Nm/rad", 0.0, 1.0, (0.02, 0.005), linear=True, relative="K"),
+        Parameter("stiffness", "Nm/rad", 0.0, 1.0, (0.005, 0.02), linear=True, relative="K"),
         Parameter("neutral", "rad", -10.0, 10.0, (0.0,), zero=None),
     )
 

@@ -22,13 +22,14 @@ class LockedJointElasticity(Effect):
     parameters = (Parameter("stiffness", "Nm/rad", 0.05, 100.0, (1.0,), zero=None, relative="K"), _DAMPING)
 
     def impedance(self, s: Complex, arm: Known) -> Complex:
-        """On the other joints; rows and columns of the locked one stay, and stay clamped."""
+        """On the other joints; nothing where the joint is not locked, but live in J."""
         stiffness, damping = self.values
-        l = self.joint
-        assert l is not None
-        C = np.array(arm.J[[l]])
-        C[0, l] = 0.0
-        own = arm.J[l : l + 1, l : l + 1]
+        i = self.joint
+        assert i is not None
+        if arm.J[i, i]:
+            return np.zeros((len(s), 2 * len(arm.N), 2 * len(arm.N)), dtype=complex)
+        C, own = _row(arm, i)
+        C[0, i] = 0.0
         return eliminated(s, C, own, np.array([stiffness]), np.array([stiffness * damping]))
 
     def structure(self, body: Body) -> None:
@@ -36,34 +37,45 @@ class LockedJointElasticity(Effect):
         body.loosen(self.joint, self["stiffness"], self["stiffness"] * self["damping"])
 
 
+def _row(arm: Known, joint: int) -> tuple[Array, Array]:
+    """The row [1, n] of J of a joint, and J_ii [1, 1]; from the declared links where the joint is not live in J."""
+    if arm.J[joint, joint] or arm.chain is None:
+        return np.array(arm.J[[joint]]), np.array(arm.J[[joint]][:, [joint]])
+    return coupling(arm.chain, arm.posture, twists(arm.chain, arm.posture)[0][[joint]], joint)
+
+
 @final
 class BaseCompliance(Effect):
-    """The base on springs about its origin: it rocks about x and y, and turns about z."""
+    """The base on springs about its origin: it rocks about x and y, and turns about z. Its own inertia is told by the
+    frequency `own` at which it would swing without the arm."""
 
     name, port, scope = "base-compliance", "structure", ("arm",)
     parameters = (
         Parameter("rock", "Nm/rad", 0.5, 1e4, (10.0, 50.0), zero=None, relative="K"),
         Parameter("turn", "Nm/rad", 0.5, 1e4, (20.0, 100.0), zero=None, relative="K"),
+        Parameter("own", "Hz", 20.0, 1e4, (150.0,), zero=None),
         _DAMPING,
     )
 
     def impedance(self, s: Complex, arm: Known) -> Complex | None:
         n = len(arm.N)
         if arm.base_inertia is not None:
-            C, own = arm.base_inertia[3:, :n], arm.base_inertia[3:, n + 3 :]
+            C, carried = arm.base_inertia[3:, :n], arm.base_inertia[3:, n + 3 :]
         elif arm.chain is not None:
-            C, own = coupling(arm.chain, arm.posture, np.hstack([np.zeros((3, 3)), np.eye(3)]))
+            C, carried = coupling(arm.chain, arm.posture, np.hstack([np.zeros((3, 3)), np.eye(3)]))
         else:
             return None
-        k = self._stiffness()
-        return eliminated(s, C, own, k, k * self["damping"])
+        k, own = self._springs()
+        return eliminated(s, C, carried + np.diag(own), k, k * self["damping"])
 
-    def _stiffness(self) -> Array:
-        return np.array([self["rock"], self["rock"], self["turn"]])
+    def _springs(self) -> tuple[Array, Array]:
+        """Stiffness and own inertia [3] about x, y, z."""
+        k = np.array([self["rock"], self["rock"], self["turn"]])
+        return k, k / (2 * np.pi * self["own"]) ** 2
 
     def structure(self, body: Body) -> None:
-        for axis, k in zip(np.eye(3), self._stiffness(), strict=True):
-            body.rock(axis.tolist(), float(k), float(k) * self["damping"])
+        k, own = self._springs()
+        body.rock(k.tolist(), (k * self["damping"]).tolist(), own.tolist())
 
 
 @final
@@ -74,7 +86,7 @@ class LinkFlexibility(Effect):
     name, port = "link-flexibility", "structure"
     parameters = (
         Parameter("stiffness", "Nm/rad", 0.05, 1e3, (2.0, 8.0), zero=None, relative="K"),
-        Parameter("share", "", 0.0, 1.0, (0.5,), zero=None),
+        Parameter("share", "", 0.05, 0.95, (0.5,), zero=None),
         _DAMPING,
         Parameter("across", "", 0.0, 1.0, (0.0, 1.0), zero=None, whole=True),
     )
@@ -92,7 +104,7 @@ class LinkFlexibility(Effect):
             C, own = coupling(arm.chain, arm.posture, np.concatenate([np.cross(p, axis), axis])[None], i, share)
         else:
             motion = twists(arm.chain, arm.posture)[0][i]
-            C = arm.J[[i]] - (1.0 - share) * own_inertia(arm.chain, arm.posture, i, motion)
+            C = _row(arm, i)[0] - (1.0 - share) * own_inertia(arm.chain, arm.posture, i, motion)
             own = C[:, [i]]
         return eliminated(s, C, own, np.array([k]), np.array([k * damping]))
 

@@ -1,0 +1,244 @@
+"""How an arm with effects moves from one sample to the next.
+
+A law acts as a force held over a step of the integrator at its value half-way: second order, and a friction that stops a
+joint is found with the motion that it stops (backward Euler where it is stiff): a dry contact neither creeps nor rings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import ceil, floor
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from ident.delay import Line
+from ident.effects.base import Path, State
+from ident.injection import Injected, Live, mass_matrix
+from ident.ports import Port, torques
+
+Array = NDArray[np.float64]
+
+#: Least steps a sample with effects: forces are held over a step, and torques and angles change and are read within samples.
+STEPS = 4
+#: What a torque at one port does at another is brought up to date every so many samples: at swings of 0.01 rad J(q) hardly moves.
+REFRESH = 20
+
+_STABLE, _FOLLOWS = 2.5, 1.0  # |pole| h, w h at the top of the band: as in `Linear.rk4_steps`
+
+
+def steps_for(arm: Injected, Ts: float, top: float) -> int:
+    """Steps of the integrator a sample of `Ts` [s] that follow the arm, up to `top` [Hz]; at least `STEPS`."""
+    G = arm.generator()[: 2 * arm.plant.model.nv, : 2 * arm.plant.model.nv]
+    fastest = np.abs(np.linalg.eigvals(G)).max()
+    return max(STEPS, ceil(max(fastest / _STABLE, 2 * np.pi * top / _FOLLOWS) * Ts))
+
+
+class Machine:
+    """An arm with effects in motion, from rest: `angles` and `advance` in turns, once a sample of `Ts` [s].
+
+    `steps` of the integrator a sample. Angles that are recorded older or newer than their time stamp are read on the way, see
+    `recorded`.
+    """
+
+    def __init__(self, arm: Injected, Ts: float, steps: int) -> None:
+        self._arm, self._live, self._steps, self._h = arm, arm.live, steps, Ts / steps
+        model = self._model = arm.plant.model
+        model.opt.timestep = self._h
+        data = self._data = mujoco.MjData(model)
+        data.qpos[:] = arm.plant.qpos
+        preload = [float(arm.plant.preload[joint.index]) for joint in arm.live]
+        self._lines = [
+            (k, Line(joint.path, preload[k], steps, self._h))
+            for k, joint in enumerate(arm.live)
+            if joint.path != Path()
+        ]
+        self._ctrl = np.array([u * joint.path.gain for u, joint in zip(preload, arm.live, strict=True)])
+        data.ctrl[:] = self._ctrl
+        mujoco.mj_forward(model, data)
+        rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self._lacking = _defect(arm.generator(), Ts, steps, model.nv) if rk4 else None
+        self._states = [replace(state) for state in arm.states]
+        self._rest = [state.theta for state in arm.states]
+        self._driven = [effect for effect in arm.effects if effect.driven(self._states, self._rest)]
+        self._ports, self._memories = _ports(arm, self._states)
+        self._W: list[list[float]] = []
+        self._done = 0
+        self._last: list[float] = preload
+        self._moments = [(k, *_moment(joint.late, Ts, steps)) for k, joint in enumerate(arm.live) if joint.late]
+        self._late: dict[int, list[float]] = {k: [] for k, *_ in self._moments}
+
+    def angles(self) -> list[float]:
+        """What the encoders of the live joints read now [m, rad joint side], not yet rounded to counts."""
+        x = self._data.qpos.tolist()
+        return [joint.read(joint.drive.N * x[joint.motor]) / joint.drive.N for joint in self._live]
+
+    def recorded(self, theta: Array, resolution: Array) -> Array:
+        """What is recorded [T, m] of the angles that the controller read [T, m, rad motor side], rounded to `resolution` [m]."""
+        theta = np.array(theta)
+        for k, rows, _, _ in self._moments:
+            for _ in range(
+                -rows
+            ):  # the record ends before the last angles of it are read: the torque is held for those
+                self.advance(self._last, [0.0] * len(self._last))
+            read = resolution[k] * np.round(np.array(self._late[k]) / resolution[k])
+            theta[max(rows, 0) :, k] = read[max(-rows, 0) :][: len(theta) - max(rows, 0)]
+            theta[: max(rows, 0), k] = theta[0, k]
+        return theta
+
+    def advance(self, command: Sequence[float], disturbance: Sequence[float]) -> None:
+        """One sample on, with the commanded torques [m, N m], and others that act besides."""
+        data, model = self._data, self._model
+        self._last = list(command)
+        for k, line in self._lines:
+            line.push(command[k])
+        direct = [a + b for a, b in zip(command, disturbance, strict=True)]
+        away, mean = np.concatenate([data.qpos - self._arm.plant.qpos, data.qvel]), np.zeros(len(direct))
+        if self._ports and self._done % REFRESH == 0:
+            self._share()
+        self._done += 1
+        if not (self._lines or self._ports or self._driven or self._moments):
+            data.ctrl[:] = direct
+            mean += direct
+            mujoco.mj_step(model, data, self._steps)
+        else:
+            for j in range(self._steps):
+                for k, line in self._lines:
+                    direct[k] = line.mean(j) + disturbance[k]
+                data.ctrl[:] = direct
+                mean += np.array(direct) / self._steps
+                self._step(j)
+        if self._lacking is not None:
+            missing = self._lacking @ np.concatenate([away, mean - self._ctrl])
+            data.qpos[:] += missing[: model.nv]
+            data.qvel[:] += missing[model.nv :]
+
+    def _step(self, j: int) -> None:
+        data, model = self._data, self._model
+        before = [self._motor(k) for k, _, _, step in self._moments if step == j] if self._moments else None
+        if self._ports or self._driven:
+            self._push()
+        mujoco.mj_step(model, data)
+        if before:
+            here = [moment for moment in self._moments if moment[3] == j]
+            for (k, _, part, _), (x, v) in zip(here, before, strict=True):
+                self._late[k].append(self._live[k].read(_between(x, v, *self._motor(k), part, self._h)))
+
+    def _motor(self, k: int) -> tuple[float, float]:
+        joint = self._live[k]
+        N = joint.drive.N
+        return N * float(self._data.qpos[joint.motor]), N * float(self._data.qvel[joint.motor])
+
+    def _push(self) -> None:
+        """Puts the forces of all laws for the next step into the simulation."""
+        data, h = self._data, self._h
+        data.qfrc_applied[:] = 0.0
+        mujoco.mj_forward(self._model, data)
+        x, v, a = data.qpos.tolist(), data.qvel.tolist(), data.qacc.tolist()
+        for joint, remember in self._memories:
+            state = self._states[joint.index]
+            state.theta, state.q = joint.drive.N * x[joint.motor], x[joint.motor] + x[joint.spring]
+            state.deflection = -x[joint.spring]
+            remember(state)
+        self._half_way(x, v, a)
+        applied = [0.0] * len(v)
+        if self._driven:
+            at = {joint.index: joint for joint in self._live}
+            for effect in self._driven:
+                for port, index, F in effect.driven(self._states, self._rest):
+                    for dof, factor in _push_of(at[index], port) if index in at else ():
+                        applied[dof] += factor * F
+            data.qfrc_applied[:] = applied
+            if self._ports:
+                mujoco.mj_forward(self._model, data)
+                a = data.qacc.tolist()
+        if self._ports:
+            torques(self._ports, v, a, self._W, h)
+            for port_ in self._ports:
+                for dof, factor in port_.push:
+                    applied[dof] += factor * port_.F
+        data.qfrc_applied[:] = applied
+
+    def _half_way(self, x: list[float], v: list[float], a: list[float]) -> None:
+        """Puts the motion in the middle of the next step into the states, as far as it is foreseen without the laws."""
+        h = self._h
+        ctrl = self._data.ctrl.tolist()
+        for k, joint in enumerate(self._live):
+            state, i, j, N = self._states[joint.index], joint.motor, joint.spring, joint.drive.N
+            motor, spring = (x[d] + 0.5 * h * v[d] + 0.125 * h * h * a[d] for d in (i, j))
+            w, s = v[i] + 0.5 * h * a[i], v[j] + 0.5 * h * a[j]
+            state.theta, state.omega, state.tau = N * motor, N * w, ctrl[k]
+            state.q, state.q_rate = motor + spring, w + s
+            state.deflection, state.deflection_rate = -spring, -s
+            state.spring = -joint.drive.K * spring - joint.drive.D_spring * s
+
+    def _share(self) -> None:
+        """Brings up to date what a torque at each port does to the velocity at every other."""
+        mass = mass_matrix(self._model, self._data)
+        pushes = np.zeros((len(mass), len(self._ports)))
+        rates = np.zeros((len(self._ports), len(mass)))
+        for k, port in enumerate(self._ports):
+            for dof, factor in port.push:
+                pushes[dof, k] = factor
+            for dof, factor in port.rate:
+                rates[k, dof] = factor
+        self._W = (rates @ np.linalg.solve(mass, pushes)).tolist()
+
+
+def _ports(arm: Injected, states: Sequence[State]) -> tuple[list[Port], list[tuple[Live, Callable[[State], None]]]]:
+    """The ports at which laws act, and what has to be remembered after each step."""
+    at = {joint.index: joint for joint in arm.live}
+    ports: dict[tuple[int, str], Port] = {}
+    memories = []
+    for law in arm.laws:
+        assert law.joint is not None
+        joint = at[law.joint]
+        force, remember = law.start()
+        if remember:
+            memories.append((joint, remember))
+        if (law.joint, law.port) not in ports:
+            name = {"motor": "omega", "spring": "deflection_rate", "link": "q_rate"}[law.port]
+            push, rate = _push_of(joint, law.port), _rate_of(joint, law.port)
+            ports[law.joint, law.port] = Port(states[law.joint], name, (), push, rate)
+        port = ports[law.joint, law.port]
+        port.laws = (*port.laws, force)
+    return list(ports.values()), memories
+
+
+def _push_of(joint: Live, port: str) -> tuple[tuple[int, float], ...]:
+    """What a torque at a port is in the model's coordinates theta/N and q - theta/N: (degree of freedom, factor)."""
+    if port == "motor":
+        return ((joint.motor, joint.drive.N),)
+    return ((joint.spring, 1.0),) if port == "spring" else ((joint.motor, 1.0), (joint.spring, 1.0))
+
+
+def _rate_of(joint: Live, port: str) -> tuple[tuple[int, float], ...]:
+    return ((joint.spring, -1.0),) if port == "spring" else _push_of(joint, port)
+
+
+def _moment(late: float, Ts: float, steps: int) -> tuple[int, float, int]:
+    """(rows further on, part of the step, step of the sample) at which an angle `late` [s] is read: the sample that begins at
+    row k holds the angle of time k Ts + (step + part) h, which is what the row `rows` further on reads."""
+    rows = ceil(late / Ts - 1e-9)
+    position = max(rows - late / Ts, 0.0) * steps
+    step = min(floor(position), steps - 1)
+    return rows, position - step, step
+
+
+def _between(x0: float, v0: float, x1: float, v1: float, part: float, h: float) -> float:
+    """The cubic through two states h [s] apart, at `part` of the way."""
+    t, u = part, 1.0 - part
+    return x0 * u * u * (1 + 2 * t) + x1 * t * t * (1 + 2 * u) + h * t * u * (v0 * u - v1 * t)
+
+
+def _defect(generator: Array, Ts: float, steps: int, nv: int) -> Array:
+    """[2 nv, 2 nv + m]: what `steps` steps of RK4 a sample lack of the exact linear motion, see `Linear.rk4_defect`."""
+    H = generator * (Ts / steps)
+    step, power = np.eye(len(H)), np.eye(len(H))
+    for k in range(1, 5):
+        power = power @ H / k
+        step += power
+    return np.asarray((expm(H * steps) - np.linalg.matrix_power(step, steps))[: 2 * nv])
