@@ -8,8 +8,8 @@ from math import pi, sqrt
 
 import numpy as np
 
-from ident.bench import TORQUE_SHARE, Setup, prepare
 from ident.campaign import Array
+from ident.design import TORQUE_SHARE, Setup, place, prepare
 from ident.errors import ExperimentError
 from ident.frf import POSTURE_TOLERANCE
 from ident.plant import build_plant
@@ -22,8 +22,8 @@ LIGHT = 0.1
 VISIBLE = 10.0
 #: A resonance is resolved when this many lines lie within its half-power width.
 RESOLVED = 1.0
-#: The lock's slowest transient should fall by exp(-this) within the first third of the record.
-SETTLED = 5.0
+#: Held motors that move more than this, relative to the excited one, show in a two-mass fit.
+HELD = 0.02
 
 _POSTURES = 300
 
@@ -34,9 +34,12 @@ class JointCheck:
 
     `J` [2] least and largest J_ii [kg m2], `rotor` N^2 J_m, `ratio` [2] of the two; `f_AR`, `f_R` [2, Hz] over the
     workspace and `planned_f_AR`, `planned_f_R` at the planned postures, other joints rigid; `gravity` the largest share of
-    the motor's torque; `sag` [rad] the largest static deflection of the spring. The records that excite it: `records`,
-    `swing` [rad] predicted, `torque` the largest share of the limit, `settling` [s] of the lock, `visible` angle at the
-    highest line over the encoder's noise, `band` [2, Hz] the lines they are excited at (None: no record could be designed).
+    the motor's torque; `sag` [rad] the largest static deflection of the spring. Of the `records` that excite it: `swing`
+    [rad] predicted; `torque` the largest share of any motor's limit; `settling` and `periods` the most that any needs and
+    lasts; `margin` the least distance of a loop from -1; `held` the largest velocity of a held motor over the excited
+    one's; `visible` the angle at the highest line over the encoder's noise; `beyond` [f_R of two masses, highest line, Hz] of
+    the record that misses its resonance by most, None where none does; `unseen` [f_AR, highest line, Hz] the same of the
+    anti-resonance that tells most of J_ii, with the other joints' springs. None: no record could be designed.
     """
 
     joint: str
@@ -52,9 +55,13 @@ class JointCheck:
     records: int
     swing: float | None
     torque: float | None
-    settling: float | None
+    settling: int | None
+    periods: int | None
+    margin: float | None
+    held: float | None
     visible: float | None
-    band: tuple[float, float] | None
+    beyond: tuple[float, float] | None
+    unseen: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -69,22 +76,17 @@ class Finding:
 
 @dataclass(frozen=True)
 class Examination:
-    """A robot directory examined; `ready` when no finding is serious."""
+    """A robot directory examined; `ready` when no finding is serious. `seconds` the planned records take in all."""
 
     robot: Robot
     plan: Plan
     joints: tuple[JointCheck, ...]
     findings: tuple[Finding, ...]
+    seconds: float
 
     @property
     def ready(self) -> bool:
         return not any(finding.serious for finding in self.findings)
-
-    @property
-    def minutes(self) -> float:
-        """How long the planned records take in all."""
-        e = self.robot.experiment
-        return len(self.plan.cells) * e.periods / e.f0 / 60
 
 
 def examine(directory: str) -> Examination:
@@ -93,10 +95,11 @@ def examine(directory: str) -> Examination:
     plan = plan_of_robot(robot)
     setups, findings = _designed(robot, plan)
     joints = tuple(_joint(robot, plan, i, setups, weight) for i, weight in enumerate(_gravity(robot, plan)))
-    findings += _of_plan(plan)
+    findings += [*_of_plan(plan), *_of_locks(plan, [setup for _, setup in setups])]
     for check in joints:
         findings += [*_of_band(check, robot), *_of_drive(check, robot)]
-    return Examination(robot, plan, joints, tuple(sorted(findings, key=lambda finding: not finding.serious)))
+    ordered = tuple(sorted(findings, key=lambda finding: not finding.serious))
+    return Examination(robot, plan, joints, ordered, sum(setup.periods for _, setup in setups) / robot.experiment.f0)
 
 
 def _designed(robot: Robot, plan: Plan) -> tuple[list[tuple[Cell, Setup]], list[Finding]]:
@@ -138,23 +141,35 @@ def _joint(robot: Robot, plan: Plan, i: int, setups: Sequence[tuple[Cell, Setup]
         rotor=rotor,
         ratio=_range(J / rotor),
         f_AR=_range(_anti_resonance(drive, J)),
-        f_R=_range(_anti_resonance(drive, J) * np.sqrt(1 + J / rotor)),
+        f_R=_range(_resonance(drive, J)),
         planned_f_AR=None if planned is None else _range(_anti_resonance(drive, planned)),
-        planned_f_R=None if planned is None else _range(_anti_resonance(drive, planned) * np.sqrt(1 + planned / rotor)),
+        planned_f_R=None if planned is None else _range(_resonance(drive, planned)),
         gravity=weight / (abs(drive.N) * drive.tau_max),
         sag=weight / drive.K,
         records=len(own),
         swing=max((setup.swing for setup in mine), default=None),
         torque=max((float((setup.torque / limits[list(setup.live)]).max()) for setup in mine), default=None),
-        settling=max((-1 / setup.growth for setup in mine), default=None),
+        settling=max((setup.settle for setup in mine), default=None),
+        periods=max((setup.periods for setup in mine), default=None),
+        margin=min((setup.margins.distance for setup in mine), default=None),
+        held=max((setup.held for setup in mine), default=None),
         visible=min((_visible(setup, drive, e.samples_per_period) for setup in mine), default=None),
-        band=(
-            max(float(setup.excitation.lines[0]) for setup in mine) * e.f0,
-            min(float(setup.excitation.lines[-1]) for setup in mine) * e.f0,
-        )
+        beyond=_missed(mine, _resonance(drive, model.J_cad(np.array([s.posture for s in mine]))[:, i, i]))
         if mine
         else None,
+        unseen=_missed(mine, np.array([setup.f_AR for setup in mine])) if mine else None,
     )
+
+
+def _missed(setups: Sequence[Setup], f: Array) -> tuple[float, float] | None:
+    """Frequency and highest line [Hz] of the record whose frequency `f` [records, Hz] lies furthest above its lines."""
+    tops = [float(setup.excitation.lines[-1] * setup.excitation.f0) for setup in setups]
+    worst = max(zip(f.tolist(), tops, strict=True), key=lambda one: one[0] / one[1])
+    return worst if worst[0] > worst[1] else None
+
+
+def _resonance(drive: Drive, J: Array) -> Array:
+    return np.asarray(_anti_resonance(drive, J) * np.sqrt(1 + J / (drive.N**2 * drive.J_m)))
 
 
 def _anti_resonance(drive: Drive, J: Array) -> Array:
@@ -203,37 +218,56 @@ def _of_plan(plan: Plan) -> list[Finding]:
     return findings
 
 
-def _of_band(check: JointCheck, robot: Robot) -> list[Finding]:
-    """Anti-resonance and resonance against the band: at the planned postures serious, elsewhere worth knowing."""
-    e, found = robot.experiment, []
-    low, high = check.band or e.band
-    drive = robot.drive(check.joint)
-    reaches = (
-        ("anti-resonance", "at planned postures", check.planned_f_AR, True),
-        ("resonance", "at planned postures", check.planned_f_R, True),
-        ("anti-resonance", "somewhere in the workspace", check.f_AR, False),
-        ("resonance", "somewhere in the workspace", check.f_R, False),
-    )
-    above = [one for one in reaches if one[2] is not None and one[2][1] > high]
-    below = [one for one in reaches if one[2] is not None and one[2][0] < low + 3 * e.f0]
-    for name, where, reach, serious in above[:1]:
-        assert reach is not None
+def _of_locks(plan: Plan, setups: Sequence[Setup]) -> list[Finding]:
+    """What the records' design had to change, once a joint, and whether the locks hold."""
+    names = plan.model.chain.names
+    found = []
+    for i, name in enumerate(names):
+        noted = [setup for setup in setups if setup.joint == i and setup.note]
+        if noted:
+            why = f"{place(name, noted[0].posture)}: {noted[0].note}"
+            unseen = "is not seen here" in noted[0].note
+            what = f"{name}: {len(noted)} of its records not run as robot.toml has it"
+            found.append(Finding(what, why, "sample_rate_Hz, band_Hz or K" if unseen else "none needed", False))
+    loose = max(setups, key=lambda setup: setup.held, default=None)
+    if loose is not None and loose.held > HELD:
         found.append(
             Finding(
-                f"{check.joint}: its {name} reaches {reach[1]:.3g} Hz {where}, its lines {high:.4g} Hz",
-                "K and J_ii are then told apart poorly, or not at all",
-                f"band_Hz up to {1.3 * max(reach[1], check.f_R[1]):.0f}, or K from the datasheet taken as known",
-                serious,
+                f"held motors move up to {loose.held:.2g} of the excited one's velocity",
+                "two masses then do not describe a joint",
+                "ident fit --method coupled, which reads all motors",
+                False,
             )
         )
-    for name, where, reach, serious in below[:1]:
-        assert reach is not None
+    return found
+
+
+def _of_band(check: JointCheck, robot: Robot) -> list[Finding]:
+    """The joint's modes against the lines of its records, and the distance of the lines against its sharpest mode."""
+    e, found = robot.experiment, []
+    drive = robot.drive(check.joint)
+    for name, missed, why, serious in (
+        ("anti-resonance", check.unseen, "J_ii and K are then not told apart", True),
+        ("resonance", check.beyond, "J_ii and K are then told apart poorly", False),
+    ):
+        if missed is not None:
+            f, top = missed
+            found.append(
+                Finding(
+                    f"{check.joint}: its {name} is at {f:.3g} Hz in a planned record, the highest line at {top:.4g} Hz",
+                    why,
+                    f"band_Hz up to {1.3 * f:.0f} (sample_rate_Hz above {3.3 * f:.0f}), or K from the datasheet taken as known",
+                    serious,
+                )
+            )
+            break
+    if check.planned_f_AR is not None and check.planned_f_AR[0] < e.band[0] + 3 * e.f0:
         found.append(
             Finding(
-                f"{check.joint}: its {name} falls to {reach[0]:.3g} Hz {where}, the lines begin at {low:g} Hz",
+                f"{check.joint}: its anti-resonance falls to {check.planned_f_AR[0]:.3g} Hz, the lines begin at {e.band[0]:g} Hz",
                 "nothing below it shows the whole inertia",
                 "a lower band_Hz, a smaller line_spacing_Hz",
-                serious,
+                True,
             )
         )
     width = drive.D_spring / check.J[1] / (2 * pi)  # half-power width of the anti-resonance: D/J [rad/s]
@@ -241,7 +275,7 @@ def _of_band(check: JointCheck, robot: Robot) -> list[Finding]:
         found.append(
             Finding(
                 f"{check.joint}: its sharpest anti-resonance is {width:.2g} Hz wide, lines are {e.f0:g} Hz apart",
-                "its depth falls between the lines, and transients last longer than a period",
+                "its depth, and with it the spring's damping, falls between the lines",
                 f"line_spacing_Hz = {width / 2:.1g}, or more periods",
                 False,
             )
@@ -251,7 +285,6 @@ def _of_band(check: JointCheck, robot: Robot) -> list[Finding]:
 
 def _of_drive(check: JointCheck, robot: Robot) -> list[Finding]:
     e, name = robot.experiment, check.joint
-    length = e.periods / e.f0
     found = []
     if check.ratio[0] < LIGHT:
         r = check.ratio[0]
@@ -281,12 +314,12 @@ def _of_drive(check: JointCheck, robot: Robot) -> list[Finding]:
                 False,
             )
         )
-    if check.settling is not None and SETTLED * check.settling > length / 3:
+    if check.settling is not None and check.periods is not None and check.periods > e.periods:
         found.append(
             Finding(
-                f"{name}: under the lock a transient falls by 1/e in {check.settling:.2g} s, a record takes {length:.3g} s",
+                f"{name}: a transient takes {check.settling} periods to die, so records last {check.periods}",
                 "the first periods have to be thrown away",
-                "more periods, or a higher lock_pd_Hz",
+                "a higher lock_pd_Hz, or nothing",
                 False,
             )
         )

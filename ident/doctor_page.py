@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from ident.doctor import Examination, JointCheck
@@ -16,7 +17,7 @@ def document(found: Examination) -> dict[str, Any]:
         "robot": found.robot.name,
         "ready": found.ready,
         "records": len(found.plan.cells),
-        "minutes": found.minutes,
+        "minutes": found.seconds / 60,
         "band_Hz": list(found.robot.experiment.band),
         "joints": [vars(check) for check in found.joints],
         "findings": [vars(finding) for finding in found.findings],
@@ -24,20 +25,24 @@ def document(found: Examination) -> dict[str, Any]:
 
 
 def page(found: Examination) -> str:
-    """The examination as one page of text; SI units, with m, N and kg for slides."""
+    """The examination as one page of text; SI units, with m, N and kg for slides.
+
+    Of planned records: `settles` periods until transients have died, of those recorded; `margin` least distance of a loop
+    from -1; `held` velocity of held motors over the excited one's; `visible` angle at the highest line over encoder noise.
+    """
     e, plan = found.robot.experiment, found.plan
     chain = plan.model.chain
     width = max(17, *(len(name) + 2 for name in chain.names))
     spare = sum(cell.spare for cell in plan.cells)
-    records = f"{len(plan.cells)} records planned, {spare} of them spare, {found.minutes:.3g} min"
+    records = f"{len(plan.cells)} records planned, {spare} of them spare, {found.seconds / 60:.3g} min"
     rows = [
         f"{found.robot.name}: {chain.n} joints, {chain.base_link} to {chain.tip_link}; {records}",
         f"{e.band[0]:g} to {e.band[1]:g} Hz, lines {e.f0:g} Hz apart, {e.periods} periods of {1 / e.f0:g} s at {e.fs:g} Hz",
         "",
-        _cells("workspace", width, *_WORKSPACE),
+        _row("workspace", width, _WORKSPACE, _SIZES),
         *(_workspace(check, width) for check in found.joints),
         "",
-        _cells("planned records", width, *_PLANNED),
+        _row("planned records", width, _PLANNED, _PLANNED_SIZES),
         *(_planned(check, width) for check in found.joints),
         "",
     ]
@@ -52,32 +57,34 @@ def page(found: Examination) -> str:
 
 
 _WORKSPACE = ("J_ii [kg m2]", "N^2 J_m", "J_ii / N^2 J_m", "f_AR [Hz]", "f_R [Hz]", "gravity", "sag [mrad]")
-_PLANNED = ("number", "f_AR [Hz]", "f_R [Hz]", "swing [mrad]", "torque", "lock [s]", "angle/encoder")
+_PLANNED = ("number", "f_AR [Hz]", "f_R [Hz]", "swing [mrad]", "torque", "settles", "margin", "held", "visible")
+_SIZES = (17, 16, 16, 14, 14, 10, 12)
+_PLANNED_SIZES = (8, 15, 15, 14, 9, 10, 9, 9, 10)
 
 
-def _cells(name: str, width: int, *cells: str) -> str:
-    return f"{name:<{width}}{cells[0]:>17}" + "".join(
-        f"{cell:>{size}}" for cell, size in zip(cells[1:], (16, 16, 14, 14, 10, 14), strict=True)
-    )
+def _row(name: str, width: int, cells: Sequence[str], sizes: Sequence[int]) -> str:
+    return f"{name:<{width}}" + "".join(f"{cell:>{size}}" for cell, size in zip(cells, sizes, strict=True))
 
 
 def _workspace(check: JointCheck, width: int) -> str:
-    return _cells(
-        check.joint, width, _span(check.J), f"{check.rotor:.3g}", _span(check.ratio), _span(check.f_AR), _span(check.f_R),
+    cells = (
+        _span(check.J), f"{check.rotor:.3g}", _span(check.ratio), _span(check.f_AR), _span(check.f_R),
         f"{check.gravity:.0%}", f"{1e3 * check.sag:.2g}",
     )  # fmt: skip
+    return _row(check.joint, width, cells, _SIZES)
 
 
 def _planned(check: JointCheck, width: int) -> str:
-    """`lock`: the time in which a transient under the lock falls by 1/e; `angle/encoder`: at the highest line, over noise."""
-    none = (None, None, None, None)
-    figures = (check.swing, check.torque, check.settling, check.visible) if check.visible is not None else none
-    swing, torque, settling, visible = figures
-    return _cells(
-        check.joint, width, str(check.records), _span(check.planned_f_AR), _span(check.planned_f_R),
-        "-" if swing is None else f"{1e3 * swing:.3g}", "-" if torque is None else f"{torque:.0%}",
-        "-" if settling is None else f"{settling:.2g}", "-" if visible is None else f"{visible:.3g}",
+    def figure(value: float | None, kind: str, scale: float = 1.0) -> str:
+        return "-" if value is None else format(scale * value, kind)
+
+    settles = "-" if check.settling is None else f"{check.settling} of {check.periods}"
+    cells = (
+        str(check.records), _span(check.planned_f_AR), _span(check.planned_f_R), figure(check.swing, ".3g", 1e3),
+        figure(check.torque, ".0%"), settles, figure(check.margin, ".2f"), figure(check.held, ".2g"),
+        figure(check.visible, ".3g"),
     )  # fmt: skip
+    return _row(check.joint, width, cells, _PLANNED_SIZES)
 
 
 def _span(values: tuple[float, float] | None) -> str:

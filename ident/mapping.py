@@ -51,7 +51,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
     "signal": {
         "name": "variable of the file, or heading of the column",
         "column": "which column of a variable with several, from 1",
-        "unit": "torque: Nm, mNm, A, mA; angle: rad, mrad, deg, rev, counts, m, mm; velocity: the same per s, or rpm",
+        "unit": "torque: Nm, mNm, A, mA; angle: rad, mrad, deg, rev, counts, m, mm; velocity: any of these per s, or rpm",
         "counts_per_rev": "with unit counts: of one revolution",
         "torque_constant_Nm_per_A": "with unit A or mA; left out where unknown: inertia is then in A s2/rad",
         "sign": "1 or -1: positive torque must speed the motor up in the direction of positive motor and link angle",

@@ -9,10 +9,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ident.bench import Setup, prepare
+from ident.bench import design
 from ident.campaign import Array
+from ident.design import RAMP, Setup
 from ident.errors import IdentError
 from ident.plant import build_plant
 from ident.toml_text import key, quoted
@@ -21,9 +20,6 @@ from symgen.plan import Cell
 from symgen.robot import Robot
 
 FORMAT, VERSION = "frf-excitation", 1
-
-#: The excitation should grow from zero over this share of the first period, so that the arm starts without a jerk.
-RAMP = 0.25
 
 _SERVO = (
     "e = theta - rest, w = (e - e_before) fs; z = a z_before + (1 - a) (u_before + dob J w), a = exp(-dob / fs); "
@@ -51,10 +47,7 @@ def export_excitation(
     for joint in constants:
         if joint not in chain.names:
             raise IdentError(f"torque constant of {joint!r}: no such joint; expected one of {', '.join(chain.names)}")
-    setups = []
-    for cell, draw in zip(cells, np.random.SeedSequence(seed).spawn(len(cells)), strict=True):
-        rng = np.random.default_rng(draw.spawn(2)[0])  # the second is the simulated noise's
-        setups.append(prepare(chain, robot, cell.joint, cell.q, lock="dob", rng=rng))
+    setups = [job.setup for job in design(chain, robot, [(cell.joint, cell.q) for cell in cells], seed=seed)]
     urdf = f"{robot.urdf.stem}.urdf"
     texts = {
         urdf: chain.source,
@@ -130,11 +123,13 @@ def _record(robot: Robot, chain: Chain, k: int, cell: Cell, setup: Setup) -> dic
         "excited": cell.joint,
         "spare": cell.spare,
         "posture": setup.posture.tolist(),
-        "periods": robot.experiment.periods,
+        "periods": setup.periods,
         "lines": setup.excitation.lines.tolist(),
         "rms_Nm": setup.excitation.rms,
         "crest": setup.excitation.crest(robot.experiment.fs),
+        "settling_periods": setup.settle,
         "predicted_swing_rad": setup.swing,
+        "note": setup.note,
         "motors": [
             {
                 "joint": chain.names[j],
