@@ -155,6 +155,8 @@ def head(
         N=np.array([drive.N for drive in drives]),
         J_m=np.array([drive.J_m for drive in drives]),
         K=np.array([drive.K for drive in drives]),
+        D=np.array([drive.D for drive in drives]),
+        D_spring=np.array([drive.D_spring for drive in drives]),
         gravity=robot.gravity,
         source=f"simulated: MuJoCo {mujoco.__version__}, {integrator}, other joints {held}, {excitation} multisine",
         records=records,
@@ -223,7 +225,9 @@ def run(job: Job) -> Record:
     rest = resolution * np.round(plant.rest / resolution)
     theta, tau = np.tile(rest, (len(play), 1)), np.tile(plant.preload, (len(play), 1))
     live = list(setup.live)
-    theta[:, live], tau[:, live] = _play(plant, setup, play, noise, resolution[live], steps, Ts, lacking, machine, where)
+    theta[:, live], tau[:, live] = _play(
+        plant, setup, play, noise, resolution[live], steps, Ts, lacking, machine, where
+    )
     _check_motion(theta, plant, e.swing, e.samples_per_period, where)
     return Record(
         id=job.id,

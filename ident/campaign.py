@@ -52,7 +52,7 @@ class Campaign:
     """All records of one robot, and the robot as its engineer believes it to be.
 
     `N` [n, 1] gear ratios; `J_m` [n, kg m2, motor side] and `K` [n, N m/rad, joint side] are datasheet values, NaN where
-    unknown; `gravity` [3, m/s2] in the base frame; `hold` is "zoh" or "band-limited" (see the campaign format).
+    unknown, and so are `D` [n, N m s/rad, motor side] and `D_spring` [n, N m s/rad, joint side], all NaN where not given; `gravity` [3, m/s2] in the base frame; `hold` is "zoh" or "band-limited" (see the campaign format).
     """
 
     urdf: str
@@ -65,9 +65,14 @@ class Campaign:
     gravity: Array
     source: str
     records: tuple[Record, ...]
+    D: Array | None = None
+    D_spring: Array | None = None
 
     def __post_init__(self) -> None:
-        for name in ("N", "J_m", "K", "gravity"):
+        for name in ("D", "D_spring"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.full(self.n, np.nan))
+        for name in ("N", "J_m", "K", "gravity", "D", "D_spring"):
             object.__setattr__(self, name, _frozen(getattr(self, name)))
 
     @property

@@ -223,9 +223,10 @@ class Effect(ABC):
                     f"effect {cls.name}: unknown parameter {name!r}; expected {', '.join(known) or 'none'}"
                 )
             p = known[name]
-            if not (np.isfinite(value) and (p.relative or p.low <= value <= p.high)):
+            low, high = (p.low, p.high) if not p.relative else (-np.inf if p.low < 0 else 0.0, np.inf)
+            if not (np.isfinite(value) and low <= value <= high):
                 raise IdentError(
-                    f"effect {cls.name}: {name} = {value:g}; expected {p.low:g} to {p.high:g} {p.unit}".rstrip()
+                    f"effect {cls.name}: {name} = {value:g}; expected {low:g} to {high:g} {p.unit}".rstrip()
                 )
             if p.whole and value != round(value):
                 raise IdentError(f"effect {cls.name}: {name} = {value:g}; expected a whole number")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
 from ident.effects import declared, friction, hysteresis, link, motor, sensor, spring, structure
 from ident.effects.base import Effect
@@ -70,7 +71,7 @@ def parse(text: str, drives: Sequence[Drive]) -> Effect:
     index = _joint(text, cls, joint, drives)
     values = _values(text, given or "")
     for p in cls.parameters:
-        if p.relative and p.name not in values:
+        if p.relative and p.name not in values and set(values) <= {known.name for known in cls.parameters}:
             if p.relative != "K":
                 raise IdentError(f"effect {text!r}: {p.name} is missing; expected {p.name}=<number> [{p.unit or '1'}]")
             values[p.name] = p.sizes[0] * (drives[index].K if index is not None else max(d.K for d in drives))
@@ -78,6 +79,24 @@ def parse(text: str, drives: Sequence[Drive]) -> Effect:
     if isinstance(effect, motor.MotorCoupling):
         effect.other(len(drives))
     return effect
+
+
+def truth(effects: Sequence[Effect], drives: Sequence[Drive]) -> dict[str, Any]:
+    """Returns what was injected, as a document for a file: names, joints, ports, parameters with their units."""
+    return {
+        "effects": [
+            {
+                "name": effect.name,
+                "joint": None if effect.joint is None else drives[effect.joint].joint,
+                "port": effect.port,
+                "parameters": {
+                    p.name: {"value": value, "unit": p.unit}
+                    for p, value in zip(effect.parameters, effect.values, strict=True)
+                },
+            }
+            for effect in effects
+        ]
+    }
 
 
 def _joint(text: str, cls: type[Effect], joint: str | None, drives: Sequence[Drive]) -> int | None:
