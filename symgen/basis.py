@@ -114,8 +114,9 @@ def _unit(chain: Chain, entry: Entry, monomial: int) -> str:
 
 def _content(chain: Chain, entry: Entry, rows: list[int], free: NDArray[np.bool_]) -> list[int]:
     """The whole number that divides each coefficient whatever the lengths: 2 for 2 m_3 l_2 r_3 (so alpha_21 = m_3 l_2 r_3)."""
-    if not rows:
-        return []
+    inertias = np.where(free, entry.A[rows], 0.0).reshape(len(rows), chain.n, 10)[..., 4:]  # do not depend on lengths
+    if not (np.abs(inertias - np.round(inertias)).max(axis=(1, 2)) < 1e-6).any():
+        return [1] * len(rows)
     table = polynomials(chain, entry, rows, [UNITS.index(_unit(chain, entry, row)) for row in rows])
     coefficients = table[:, free].reshape(len(rows), -1)
     whole = np.round(coefficients).astype(np.int64)

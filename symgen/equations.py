@@ -20,7 +20,6 @@ from symgen.notation import (
     alpha_latex,
     angle_subscript,
     angle_sum,
-    by_constant,
     entry_latex,
     entry_text,
     flat,
@@ -191,7 +190,7 @@ def _entry(factoring: Factoring, i: int, j: int) -> Block:
     left = entry_latex(i, j) if i == j else f"{entry_latex(i, j)} = {entry_latex(j, i)}"
     if len(members) <= _LONG and complete:
         return _sum(left, wrapped(flat(factoring, i, j, members)))
-    groups = by_constant(members)
+    groups = members.by_constant()
     lines: list[str] = []
     for k, group in groups.items():
         if len(group) == 1:
@@ -225,7 +224,7 @@ def _sum(left: str, lines: Sequence[str]) -> Display:
 def _rows(factoring: Factoring) -> Iterator[Block]:
     yield Heading(2, "Rows C_i of eq. (10)")
     for i in reversed(range(factoring.chain.n)):
-        groups = by_constant(terms(factoring, i, i))
+        groups = terms(factoring, i, i).by_constant()
         name = f"C{subscript([i + 1])}"
         if not factoring.entries[i, i].complete or sum(map(len, groups.values())) > _LONG:
             where = f"the {len(groups)} brackets of ${entry_latex(i, i)}$ above"

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symgen.basis import Factoring
+from symgen.chain import Array
 from symgen.formula import latex_number
 from symgen.inertia import Angle
 
@@ -60,7 +62,35 @@ def angle_sum(angle: Angle) -> str:
     return " ".join(f"{sign} {name}" for sign, name in words).removeprefix("+ ")
 
 
-def terms(factoring: Factoring, i: int, j: int) -> list[Term]:
+class Terms(Sequence[Term]):
+    """Terms of one entry in print order; each is made when it is looked at, as of thousands only a few are printed."""
+
+    def __init__(self, coefficient: Array, alpha: Array, monomial: Array, still: Array):
+        self._columns = (coefficient, alpha, monomial, still)
+
+    def __len__(self) -> int:
+        return len(self._columns[0])
+
+    @overload
+    def __getitem__(self, index: int) -> Term: ...
+    @overload
+    def __getitem__(self, index: slice | NDArray[np.int64]) -> Terms: ...
+    def __getitem__(self, index: int | slice | NDArray[np.int64]) -> Term | Terms:
+        coefficient, alpha, monomial, still = (column[index] for column in self._columns)
+        if isinstance(index, slice | np.ndarray):
+            return Terms(coefficient, alpha, monomial, still)
+        return Term(float(coefficient), int(alpha), int(monomial), bool(still))
+
+    def by_constant(self) -> dict[int, Terms]:
+        """The terms of each constant, in the order in which the constants first appear."""
+        alpha = self._columns[1]
+        constants, first = np.unique(alpha, return_index=True)
+        order = np.argsort(alpha, kind="stable")
+        groups = np.split(order, np.searchsorted(alpha[order], constants[1:]))
+        return {int(constants[k]): self[groups[k]] for k in np.argsort(first)}
+
+
+def terms(factoring: Factoring, i: int, j: int) -> Terms:
     """Returns J_ij (i <= j, from 0) in print order: its own constants, those known from joints nearer the tip, and last
     what does not depend on q."""
     S = factoring.S[i, j]
@@ -68,9 +98,8 @@ def terms(factoring: Factoring, i: int, j: int) -> list[Term]:
     borrowed = np.array([(alpha.i, alpha.j) != (i, j) for alpha in factoring.alphas])
     monomial, alpha = np.nonzero(S)
     order = np.lexsort((monomial, alpha, borrowed[alpha], still[monomial]))
-    return [
-        Term(float(S[m, k]), int(k), int(m), bool(still[m])) for m, k in zip(monomial[order], alpha[order], strict=True)
-    ]
+    monomial, alpha = monomial[order], alpha[order]
+    return Terms(S[monomial, alpha], alpha, monomial, still[monomial])
 
 
 def joints_of(factoring: Factoring, i: int, j: int) -> list[int]:
@@ -109,14 +138,6 @@ def flat(factoring: Factoring, i: int, j: int, members: Sequence[Term]) -> list[
         product = f"{alpha_latex(factoring.names[term.alpha])} {function(factoring, i, j, term)}".rstrip()
         pieces.append(signed(term.coefficient, product, not pieces))
     return pieces
-
-
-def by_constant(members: Sequence[Term]) -> dict[int, list[Term]]:
-    """Returns the terms of each constant, in the order in which the constants first appear."""
-    groups: dict[int, list[Term]] = {}
-    for term in members:
-        groups.setdefault(term.alpha, []).append(term)
-    return groups
 
 
 def functions(factoring: Factoring, i: int, j: int, members: Sequence[Term], most: int | None = None) -> list[str]:

@@ -24,7 +24,7 @@ _ROUNDING = 1e-14
 _PASSES = (0.3, 0.03)
 
 #: A row is not taken where another one reaches further outside by more than this factor.
-_REACH = 0.01
+_REACH = 0.1
 
 #: Of rows that are all nearly known, the first is taken that reaches this much as far outside as the best.
 _AS_GOOD = 0.5
@@ -46,8 +46,7 @@ def reached(rows: Array) -> tuple[Array, bool]:
 
 def compressed(rows: Array) -> Array:
     """Returns at most `width` rows with the same singular values and the same span."""
-    R: Array = np.linalg.qr(rows, mode="r") if len(rows) > rows.shape[1] else rows
-    return R
+    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
 
 
 def nested(stages: list[Array], whole: Array) -> tuple[list[Array], bool]:

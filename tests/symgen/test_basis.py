@@ -166,6 +166,67 @@ def test_readable_on_real_arms_about_one_constant_a_monomial() -> None:
         assert max(np.abs(found.S[i, i]).max() for i in range(n)) < 20
 
 
+# Nearly special arms -------------------------------------------------------------------------------------------------
+
+
+def turned(chain: Chain, size: float, seed: int) -> Chain:
+    """The chain with every joint's frame and axis turned a little at random, as a factory calibration finds them."""
+    rng = np.random.default_rng(seed)
+    joints = []
+    for joint in chain.joints:
+        R = joint.R @ pin.exp3(rng.normal(0, size, 3))
+        joints.append(replace(joint, R=R, axis=pin.exp3(rng.normal(0, size, 3)) @ joint.axis))
+    return replace(chain, joints=tuple(joints))
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("ypp3", 1e-4), ("ypp3", 4e-4), ("ur5", 1e-4), ("ur5", 1e-3), ("ur5", 1e-2)]
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_calibrated_arm_has_the_constants_of_a_general_one(name: str, size: float, seed: int) -> None:
+    agrees_as_a_general_arm(factor(turned(arm(name), size, seed)))
+
+
+@pytest.mark.parametrize(("name", "size"), [("panda", 1e-3), ("xarm7", 3e-3)])
+def test_a_calibrated_arm_of_seven_joints_has_the_constants_of_a_general_one(name: str, size: float) -> None:
+    agrees_as_a_general_arm(factor(turned(arm(name), size, 0)))
+
+
+def agrees_as_a_general_arm(found: Factoring) -> None:
+    chain = found.chain
+    assert found.d == 7 * chain.n - 8
+    assert (
+        found.cost < 1e-11 and gap(found) > 7
+    )  # an entry may show a direction by the square of 1e-4 and more, too little
+    allowed = 1e-12 + 10 * found.cost
+    q = postures(chain, 20)
+    expected = judge(chain, q)
+    largest = np.abs(expected).max()
+    assert np.abs(J_rows(found, q) @ found.alpha_cad - expected).max() <= allowed * largest
+    for (i, j), entry in found.entries.items():
+        trigonometric = monomials(entry, q) @ (found.S[i, j] @ found.alpha_cad)
+        assert np.abs(trigonometric - expected[:, i, j]).max() <= allowed * largest
+    scaled = found.W / parameter_scale(chain)
+    assert np.linalg.cond(scaled / np.linalg.norm(scaled, axis=1, keepdims=True)) < 1e3
+
+
+@pytest.mark.parametrize("name", ["ypp3", "ur5", "panda"])
+@pytest.mark.parametrize("size", [1e-10, 1e-9, 3e-9, 1e-8])
+def test_what_hardly_matters_is_dropped_and_its_cost_is_told(name: str, size: float) -> None:
+    found = factor(turned(arm(name), size, 1))
+    q = postures(found.chain, 20)
+    expected = judge(found.chain, q)
+    error = np.abs(J_rows(found, q) @ found.alpha_cad - expected).max() / np.abs(expected).max()
+    assert 0 < found.cost < 2e-8, "constants count from 1e-9 on; some of them together"
+    assert error <= ROUNDING + 10 * found.cost
+
+
+@pytest.mark.parametrize("name", ["ypp3", "ur5", "panda"])
+def test_nothing_is_dropped_from_an_arm_as_drawn(name: str) -> None:
+    assert factoring_of(name).cost == 0
+    assert not any(alpha.part for alpha in factoring_of(name).alphas)
+
+
 # What the diagonal can not see ---------------------------------------------------------------------------------------
 
 
