@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -12,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symgen.chain import Array, Chain
+from symgen.holding import Mask
+from symgen.quiet import quiet
 
 #: Shapes that touch at this share of random postures overlap by construction (neighbours in a gearbox), not by motion.
 _ALWAYS = 0.95
@@ -26,12 +27,10 @@ class SelfCollision:
 
     def __call__(self, q: Array) -> NDArray[np.bool_]:
         """True where the arm touches itself [m]; all False where there is nothing to test."""
-        if self._test is None:
-            return np.zeros(len(q), dtype=bool)
-        return np.array([self._test(row) for row in q], dtype=bool)
+        return np.zeros(len(q), dtype=bool) if self._test is None else self._test(q)
 
 
-def _tester(chain: Chain, urdf: Path) -> tuple[Callable[[Array], bool] | None, str]:
+def _tester(chain: Chain, urdf: Path) -> tuple[Mask | None, str]:
     text, shapes, missing = _resolved(chain.source, urdf)
     if not shapes:
         return None, "not tested: the URDF has no collision shapes" + (
@@ -40,8 +39,9 @@ def _tester(chain: Chain, urdf: Path) -> tuple[Callable[[Array], bool] | None, s
     import pinocchio as pin
 
     try:
-        whole = pin.buildModelFromXML(text)
-        geometry = pin.buildGeomFromUrdfString(whole, text, pin.GeometryType.COLLISION)
+        with quiet():
+            whole = pin.buildModelFromXML(text)
+            geometry = pin.buildGeomFromUrdfString(whole, text, pin.GeometryType.COLLISION)
         rest = pin.neutral(whole)
         for name, value in chain.frozen.items():
             joint = whole.joints[whole.getJointId(name)] if whole.existJointName(name) else None
@@ -91,7 +91,7 @@ def _mesh_file(name: str, urdf: Path) -> Path | None:
     return None
 
 
-def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Callable[[Array], bool] | None:
+def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
     """A test of all pairs of shapes on links that are no neighbours and do not overlap by construction."""
     shapes = geometry.geometryObjects
     for a in range(len(shapes)):
@@ -101,27 +101,34 @@ def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Callable[[Array
                 geometry.addCollisionPair(pin.CollisionPair(a, b))
     if not len(geometry.collisionPairs):
         return None
-    names = [model.joints[model.getJointId(name)] for name in chain.names]
-    data, found = model.createData(), geometry.createData()
+    joints = [model.joints[model.getJointId(name)] for name in chain.names]
+    neutral, data = np.array(pin.neutral(model)), model.createData()
 
-    def configuration(q: Array) -> Array:
-        full = np.array(pin.neutral(model))
-        for joint, value in zip(names, q, strict=True):
-            full[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+    def configurations(q: Array) -> Array:
+        full = np.tile(neutral, (len(q), 1))
+        for joint, value in zip(joints, q.T, strict=True):
+            parts = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+            full[:, joint.idx_q : joint.idx_q + joint.nq] = np.transpose(parts)
         return full
 
     low, high = chain.limits.T
     trials = low + (high - low) * np.random.default_rng(0).random((_TRIALS, chain.n))
     hits = np.zeros(len(geometry.collisionPairs))
-    for q in trials:
-        pin.computeCollisions(model, data, geometry, found, configuration(q), False)
+    for q in configurations(trials):
+        found = geometry.createData()
+        pin.computeCollisions(model, data, geometry, found, q, False)
         hits += [result.isCollision() for result in found.collisionResults]
     always = np.flatnonzero(hits >= _ALWAYS * _TRIALS)
     for pair in [geometry.collisionPairs[int(index)] for index in always]:
         geometry.removeCollisionPair(pair)
+    found, unused = geometry.createData(), geometry.createData()
 
-    def touches(q: Array) -> bool:
-        # fresh data: it remembers the last posture's guesses, and then misses one touch in a hundred
-        return bool(pin.computeCollisions(model, data, geometry, geometry.createData(), configuration(q), True))
+    def touches(q: Array) -> NDArray[np.bool_]:
+        mask = np.zeros(len(q), dtype=bool)
+        for k, row in enumerate(configurations(q)):
+            # requests remember the last posture's guesses, with which many a touch is missed; these remember nothing
+            found.collisionRequests = unused.collisionRequests
+            mask[k] = pin.computeCollisions(model, data, geometry, found, row, True)
+        return mask
 
     return touches
