@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from symgen.basis import Factoring
 from symgen.chain import REVOLUTE, Array, Joint, skew
 from symgen.kinematics import energy_row, motion
-from symgen.regressor import C_rows, to_alpha
+from symgen.regressor import to_alpha
 
 #: v' M v = (v v') . FORMS . phi: how the energy of a twist v depends on the ten parameters of its body [36, 10].
 _FORMS = energy_row(np.eye(6)[:, None], np.eye(6)[None]).reshape(36, 10)
@@ -111,9 +111,18 @@ class Rows:
 
     def __call__(self, q: Array, of: Factoring | None = None) -> Array:
         """All joints' rows at postures q [m, n]: [m, n, d]; with `of`, another factoring's rows in the same scaling."""
-        C = C_rows(self.factoring, q)
-        sigma = C @ self.factoring.alpha_cad[: self.factoring.d] + self.rotor
-        return (C if of is None else C_rows(of, q)) / sigma[..., None]
+        chain = self.factoring.chain
+        P = self._to_alpha if of is None else to_alpha(of, of.d)
+        C, J, v = np.zeros((len(q), chain.n, P.shape[1])), np.zeros((len(q), chain.n)), np.zeros((len(q), 0, 6))
+        shares, _ = self._shares(q)
+        for k in range(chain.n):
+            parts = (v.reshape(-1, 6) @ self._maps[k]).reshape(len(q), k, 3, 6)
+            moved = (parts * shares[k][:, None, :, None]).sum(axis=2)
+            v = np.concatenate([moved, np.broadcast_to(motion(chain, k), (len(q), 1, 6))], axis=1)
+            phi = (v[..., :, None] * v[..., None, :]).reshape(len(q), k + 1, 36) @ _FORMS
+            C[:, : k + 1] += phi @ P[10 * k : 10 * k + 10]
+            J[:, : k + 1] += phi @ chain.parameters[10 * k : 10 * k + 10]
+        return C / (J + self.rotor)[..., None]
 
     def of_cells(self, cells: Cells, of: Factoring | None = None) -> Array:
         """One row a cell [N, d]; `of` as above."""
@@ -148,13 +157,17 @@ class Rows:
 
         return F, slope
 
+    def _shares(self, q: Array) -> tuple[Array, Array]:
+        """The shares [n, m, 3] of the three maps of each joint at postures q [m, n], and their derivatives by its q."""
+        turning = np.array([joint.type == REVOLUTE for joint in self.factoring.chain.joints])
+        one, zero, c, s = np.ones(q.shape), np.zeros(q.shape), np.cos(q), np.sin(q)
+        shares = np.stack([one, np.where(turning, c, q), np.where(turning, s, zero)], axis=1)
+        slopes = np.stack([zero, np.where(turning, -s, one), np.where(turning, c, zero)], axis=1)
+        return shares.transpose(2, 0, 1), slopes.transpose(2, 0, 1)
+
     def _walk(self, cells: Cells) -> _Walk:
         chain, N = self.factoring.chain, len(cells)
-        turning = np.array([joint.type == REVOLUTE for joint in chain.joints])
-        x, one, zero = cells.q, np.ones(cells.q.shape), np.zeros(cells.q.shape)
-        c, s = np.cos(x), np.sin(x)
-        shares = np.stack([one, np.where(turning, c, x), np.where(turning, s, zero)], axis=1).transpose(2, 0, 1)
-        slopes = np.stack([zero, np.where(turning, -s, one), np.where(turning, c, zero)], axis=1).transpose(2, 0, 1)
+        shares, slopes = self._shares(cells.q)
         v, dv = np.zeros((chain.n, N, 6)), np.zeros((chain.n, N, 6))
         for k in range(chain.n):
             if k > 0:
@@ -167,5 +180,5 @@ class Rows:
     def _phi(self, cells: Cells, walk: _Walk) -> tuple[Array, Array]:
         """The rows over all bodies' parameters [N, 10 n], and sigma [N, 1]."""
         squares = (walk.v[..., :, None] * walk.v[..., None, :]).reshape(len(walk.v), len(cells), 36)
-        phi = (squares @ _FORMS).swapaxes(0, 1).reshape(len(cells), -1)
+        phi = (squares @ _FORMS).swapaxes(0, 1).reshape(len(cells), 10 * len(walk.v))
         return phi, (phi @ self.factoring.chain.parameters + self.rotor[cells.joint])[:, None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,14 @@ MARGIN, MARGIN_PART = 0.05, 0.05
 #: Angles and slides of a plan are whole multiples of this [rad, m], so that a plan is the same on every machine.
 ROUNDING = 1e-4
 
-#: Other places tried for the joints that a cell does not depend on.
-_OTHER_RESTS = 5
+#: Other places tried for the joints that a cell does not depend on: for the excited one alone, and for all of them.
+_OTHER_RESTS, _OTHER_POSTURES = 3, 3
+
+#: Postures looked at for feasible ones, more and more until there are enough.
+_LOOKED_AT = (100, 1_000, 10_000)
+
+#: Parts of the way to its aim that a cell tries.
+_PARTS = (1.0, 0.7, 0.4, 0.2, 0.08, 0.03)
 
 
 def box(limits: Array) -> Array:
@@ -57,14 +64,49 @@ class Holding:
         free = self._joints <= cells.joint[:, None]
         q = np.where(free, self.rest, self._exact(cells.q))
         passed = np.ones(len(q), dtype=bool) if self.feasible is None else self.feasible(q)
+        if passed.all():
+            return passed, Cells(cells.joint, q)
         own = self._joints == cells.joint[:, None]
-        for moving in (own, free):  # first the excited joint alone, then all that do not matter
-            for other in self._exact(spread(self.allowed, _OTHER_RESTS, 0.7)) if not passed.all() else ():
-                left = np.flatnonzero(~passed)
-                moved = np.where(moving[left], other, q[left])
-                good = self.keeps(Cells(cells.joint[left], moved))
-                q[left[good]], passed[left[good]] = moved[good], True
+        elsewhere = [(own, other) for other in self._exact(spread(self.allowed, _OTHER_RESTS, 0.7))]
+        elsewhere += [(free, other) for other in self.others]
+        for moving, other in elsewhere:  # first the excited joint alone, then all that do not matter
+            left = np.flatnonzero(~passed)
+            moved = np.where(moving[left], other, q[left])
+            good = self.keeps(Cells(cells.joint[left], moved))
+            q[left[good]], passed[left[good]] = moved[good], True
         return passed, Cells(cells.joint, q)
+
+    def towards(self, cells: Cells, aim: Cells) -> Cells:
+        """Each cell moved the largest of some parts of the way to its aim at which it is feasible."""
+        if self.feasible is None:
+            return aim
+        q = cells.q.copy()
+        left = np.arange(len(cells))
+        for part in _PARTS:
+            tried = Cells(cells.joint[left], cells.q[left] + part * (aim.q[left] - cells.q[left]))
+            passed = self.keeps(tried)
+            q[left[passed]] = tried.q[passed]
+            left = left[~passed]
+            if not len(left):
+                break
+        return Cells(cells.joint, q)
+
+    def found(self, least: int) -> Array:
+        """Feasible postures [m, n], evenly spread: at least so many, or all there are among the most that are looked at."""
+        q = np.zeros((0, len(self.rest)))
+        for count in _LOOKED_AT:
+            q = self._exact(spread(self.allowed, count, 0.7))
+            q = q if self.feasible is None else q[self.feasible(q)]
+            if len(q) >= least:
+                break
+        return q
+
+    @cached_property
+    def others(self) -> Array:
+        """Some feasible postures [m, n], those nearest to rest first: where joints may be that do not matter."""
+        q = self.found(_OTHER_POSTURES)
+        near = np.argsort(np.round(np.abs(q - self.rest).max(axis=1), 6), kind="stable")
+        return q[near[:: max(len(q) // _OTHER_POSTURES, 1)][:_OTHER_POSTURES]]
 
     def _exact(self, q: Array) -> Array:
         """Postures [N, n] with whole turns taken off where the box allows it, rounded."""

@@ -9,7 +9,7 @@ from symgen import postures
 from symgen.cells import Cells, Rows, spread
 from symgen.chain import Array, Chain, readonly
 from symgen.feasible import Feasible
-from symgen.holding import box
+from symgen.holding import Holding, Mask, box
 from symgen.postures import Design
 
 #: A combination of constants that cells show less than this, relative to the one they show best, stays open.
@@ -29,8 +29,9 @@ def undetermined(rows: Rows, cells: Cells) -> tuple[int, tuple[str, ...]]:
     return len(visible), tuple(name for name, left in zip(names, share, strict=True) if left > SEEN)
 
 
-def judged(rows: Rows, cells: Cells, spare: NDArray[np.bool_]) -> Design:
-    """Returns what the cells achieve, whoever chose them; `spare` [N] as in `Design`, and not counted.
+def judged(rows: Rows, cells: Cells, spare: NDArray[np.bool_], feasible: Mask | None = None) -> Design:
+    """Returns what the cells achieve, whoever chose them, beside those that are `feasible`; `spare` [N] as in `Design`, and
+    not counted.
 
     Where the cells do not determine all constants the D-efficiency is 0, `cond` is nan, and so is the amplification of the
     joints whose J_ii(q) they do not determine everywhere.
@@ -38,7 +39,9 @@ def judged(rows: Rows, cells: Cells, spare: NDArray[np.bool_]) -> Design:
     factoring, everywhere = rows.factoring, _workspace(rows)
     visible, scaled = _visible(rows, cells[~spare], everywhere)
     if len(visible) == factoring.d:
-        return postures.judged(rows, cells.joint, cells.q, spare, box(factoring.chain.limits))
+        return postures.judged(
+            rows, cells.joint, cells.q, spare, Holding(factoring.chain, box(factoring.chain.limits), feasible)
+        )
     E = everywhere / _size(everywhere)
     hidden = np.linalg.norm(E - E @ visible.T @ visible, axis=(0, 2)) > SEEN * np.linalg.norm(E, axis=(0, 2))
     variance = ((E @ np.linalg.pinv(scaled, rcond=SEEN)) ** 2).sum(axis=2)

@@ -6,8 +6,8 @@ weighting w of all cells, M(w) = sum w f f', and no weighting a larger log det t
     log det M(w) + d log(v / d),    v = the largest variance f' M(w)^-1 f of all cells,
 
 by the equivalence theorem (Kiefer and Wolfowitz, DOI 10.4153/CJM-1960-030-4) with the mean inequality. At the optimum
-v = d, so the bound can be driven to the truth. v is found by ascent from the best of many postures, not by interval
-arithmetic.
+v = d, so the bound can be driven to the truth. Where not all postures are feasible, "all cells" are the feasible ones.
+v is found by ascent from the best of many postures, not by interval arithmetic.
 """
 
 from __future__ import annotations
@@ -15,28 +15,33 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symgen.cells import Cells, Rows, ranked, spread, steady
 from symgen.chain import Array
+from symgen.holding import Holding
 
 #: The bound is close enough when no cell's variance exceeds d by more than this factor (a loss of 0.5 % of efficiency).
 CLOSE = 1.005
 
 #: Postures looked at for the largest variance, in each round at other places, and how many of each joint are climbed.
-_LOOKED_AT, _CLIMBED = 1000, 10
+_LOOKED_AT, _CLIMBED = 1000, 6
 
-#: Steps of the weights, the postures and the climb in one round.
-_WEIGHT_STEPS, _MOVES, _CLIMB_STEPS = 50, 40, 30
+#: Where not all postures are feasible: how many times `_CLIMBED` are tried to find so many that are; reaches [rad, m]
+#: and number of the steps with which a cell stopped by a wall looks for a way along it, and how many of them are tested.
+_TRIED, _REACHES, _SIDES, _ASKED = 2, (0.3, 0.1, 0.03, 0.01), 12, 3
+
+#: Steps of the weights (plain, then Newton's) and of the climb in one round.
+_PLAIN, _NEWTON, _CLIMB_STEPS = 10, 6, 20
+
+#: Weights are optimal when no used cell's variance differs from d by more than this part of it, and no other's exceeds it.
+_LEVEL = 2e-3
 
 #: A cell is new when its variance exceeds d by more than this factor; those in use have just d.
 _ABOVE = 1.001
 
 #: Cells below this weight, relative to 1 / d, are dropped; weight given to the new ones; angle [rad, m] that tells two apart.
-_DROPPED, _NEW, _APART = 5e-4, 0.03, 0.02
-
-
-#: What a minimiser is told of a step to where the determinant is zero: larger than any log det, so it comes back.
-FAR = 1e6
+_DROPPED, _NEW, _APART = 1e-4, 0.1, 0.02
 
 
 @dataclass(frozen=True)
@@ -54,82 +59,104 @@ def d_efficiency(F: Array, log_det_bound: float) -> float:
     return float(np.exp(min((np.linalg.slogdet(F.T @ F / N)[1] - log_det_bound) / d, 0.0)))
 
 
-def optimum(rows: Rows, allowed: Array, start: Cells, rounds: int) -> Optimum:
-    """Returns the spread of measurements reached from `start` (cells of full rank) within `rounds`.
+def optimum(rows: Rows, holding: Holding, start: Cells, rounds: int) -> Optimum:
+    """Returns the spread of measurements reached from `start` (feasible cells of full rank) within `rounds`.
 
-    Each round moves weights and postures of the cells in use uphill, then adds the cells of largest variance in the box
-    `allowed` [n, 2].
+    Each round makes the weights optimal, drops the cells that have none, and climbs from the others, and from those of
+    largest variance elsewhere, to the peaks of the variance, which are the cells to add.
     """
-    cells = start
-    d = rows.factoring.d
-    weight = _weights(rows.of_cells(cells), np.full(len(cells), 1 / len(cells)))
-    bound = np.inf
+    cells, d = start, rows.factoring.d
+    F, weight, bound = rows.of_cells(cells), np.full(len(cells), 1 / len(cells)), np.inf
     for k in range(rounds):
-        kept = weight > _DROPPED / d
-        cells, weight = _moved(rows, cells[kept], weight[kept] / weight[kept].sum(), allowed)
-        F = rows.of_cells(cells)
         weight = _weights(F, weight)
+        kept = weight > _DROPPED / d
+        cells, F, weight = cells[kept], F[kept], steady(weight[kept] / weight[kept].sum(), 6)
+        weight = weight / weight.sum()
         information = (F * weight[:, None]).T @ F
         half = np.linalg.inv(np.linalg.cholesky(information)).T
-        peaks, variance = _peaks(rows, half, allowed, 0.123 + 0.317 * k)
+        high = _highest(rows, half, holding, 0.123 + 0.317 * k)
+        peaks, variance = _climbed(rows, half, cells + high, holding)
         largest = max(float(variance.max()), d)
         bound = min(bound, float(np.linalg.slogdet(information)[1]) + d * np.log(largest / d))
         if largest < CLOSE * d or k == rounds - 1:
             break
         new = peaks[_distinct(peaks, variance, d)]
-        cells = cells + new
+        cells, F = cells + new, np.concatenate([F, rows.of_cells(new)])
         weight = np.concatenate([(1 - _NEW) * weight, np.full(len(new), _NEW / max(len(new), 1))])
     return Optimum(cells, weight, bound)
 
 
 def _weights(F: Array, weight: Array) -> Array:
-    """Weights [M] after multiplicative steps uphill (Silvey, Titterington and Torsney, Comm. Statist. A 7, 1379, 1978)."""
-    for _ in range(_WEIGHT_STEPS):
-        half = np.linalg.inv(np.linalg.cholesky((F * weight[:, None]).T @ F)).T
-        weight = weight * ((F @ half) ** 2).sum(axis=1) / F.shape[1]
-        weight = weight / weight.sum()
-    return weight
+    """The optimal weights [M] of the rows F, from any positive ones: multiplicative steps (Silvey, Titterington and Torsney,
+    Comm. Statist. A 7, 1379, 1978), then Newton's on log det M - d (sum w - 1), which is largest at the same weights."""
+    d = F.shape[1]
+
+    def objective(w: Array) -> float:
+        sign, log_det = np.linalg.slogdet((F * w[:, None]).T @ F)
+        return float(log_det) - d * float(w.sum()) if sign > 0 else -np.inf
+
+    for _ in range(_PLAIN):
+        weight = weight * _variance(F, weight)[1] / d
+    for _ in range(_NEWTON):
+        Y, variance = _variance(F, weight)
+        slope = variance - d
+        if slope.max() < _LEVEL * d and np.abs(slope[weight > 0]).max() < _LEVEL * d:
+            break
+        used = np.flatnonzero((weight > 0) | (slope > 0))
+        step = np.zeros(len(weight))
+        step[used] = _newton(Y[used], slope[used], weight[used])
+        here = objective(weight)
+        tried = (weight + length * step for length in 0.5 ** np.arange(8))
+        better = next((w for w in tried if objective(w) > here), None)
+        if better is None:
+            break
+        weight = better
+    return weight / weight.sum()
 
 
-def _moved(rows: Rows, cells: Cells, weight: Array, allowed: Array) -> tuple[Cells, Array]:
-    """Cells and weights after `_MOVES` quasi-Newton steps up log det M, over postures and the roots of the weights."""
-    from scipy.optimize import minimize
-
-    M, n = cells.q.shape
-
-    def negative_log_det(x: Array) -> tuple[float, Array]:
-        root, q = x[:M], x[M:].reshape(M, n)
-        total = root @ root
-        w = root**2 / total
-        F, slope = rows.traced(Cells(cells.joint, q))
-        information = (F * w[:, None]).T @ F
-        try:
-            pull = np.linalg.solve(information, F.T).T
-        except np.linalg.LinAlgError:
-            return FAR, np.zeros_like(x)
-        by_root = -2 * root / total * ((pull * F).sum(axis=1) - F.shape[1])
-        return -float(np.linalg.slogdet(information)[1]), np.concatenate(
-            [by_root, slope(-2 * w[:, None] * pull).ravel()]
-        )
-
-    bounds = np.concatenate([np.tile([0.0, np.inf], (M, 1)), np.tile(allowed, (M, 1))])
-    x = np.concatenate([np.sqrt(weight * M), cells.q.ravel()])
-    x = minimize(negative_log_det, x, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": _MOVES}).x
-    root = steady(x[:M], 3)
-    return Cells(cells.joint, np.clip(steady(x[M:], 3).reshape(M, n), *allowed.T)), root**2 / (root @ root)
+def _variance(F: Array, weight: Array) -> tuple[Array, Array]:
+    """Rows whitened by the information of the weights [M, d], and their variances [M]."""
+    Y = F @ np.linalg.inv(np.linalg.cholesky((F * weight[:, None]).T @ F)).T
+    return Y, (Y**2).sum(axis=1)
 
 
-def _peaks(rows: Rows, half: Array, allowed: Array, offset: float) -> tuple[Cells, Array]:
-    """Cells [n * _CLIMBED] at local maxima of the variance |f half|^2, and that variance."""
-    d, n = rows.factoring.d, len(allowed)
-    q = spread(allowed, _LOOKED_AT, offset)
-    first = ((rows(q).reshape(-1, d) @ half) ** 2).sum(axis=1).reshape(-1, n)
-    best = np.concatenate([ranked(first[:, i])[:_CLIMBED] for i in range(n)])
-    return _climbed(rows, half, Cells(np.repeat(np.arange(n), len(best) // n), q[best]), allowed)
+def _newton(Y: Array, slope: Array, weight: Array) -> Array:
+    """The step to the maximum of the quadratic model over weights that stay >= 0; those that would not go to 0."""
+    H = (Y @ Y.T) ** 2
+    H.flat[:: len(H) + 1] *= 1 + 1e-4  # two cells close together
+    free = np.ones(len(weight), dtype=bool)
+    step = np.zeros(len(weight))
+    for _ in range(12):
+        step[~free] = -weight[~free]
+        step[free] = np.linalg.solve(H[np.ix_(free, free)], slope[free] - H[np.ix_(free, ~free)] @ step[~free])
+        below = free & (weight + step < 0)
+        if not below.any():
+            break
+        free &= ~below
+    return np.maximum(step, -weight)
 
 
-def _climbed(rows: Rows, half: Array, cells: Cells, allowed: Array) -> tuple[Cells, Array]:
-    """Cells after projected steps up the log of their variance, and the variance; step lengths of Barzilai and Borwein."""
+def _highest(rows: Rows, half: Array, holding: Holding, offset: float) -> Cells:
+    """For each joint the `_CLIMBED` feasible cells of largest variance |f half|^2 among evenly spread postures."""
+    d, n = rows.factoring.d, len(holding.allowed)
+    q = spread(holding.allowed, _LOOKED_AT, offset)
+    variance = ((rows(q).reshape(-1, d) @ half) ** 2).sum(axis=1).reshape(-1, n)
+    count = _CLIMBED if holding.feasible is None else _TRIED * _CLIMBED
+    best = np.concatenate([ranked(variance[:, i])[:count] for i in range(n)])
+    cells = Cells(np.repeat(np.arange(n), count), q[best])
+    if holding.feasible is None:
+        return cells
+    passed, cells = holding.placed(cells)
+    place = np.cumsum(passed.reshape(n, count), axis=1).ravel()
+    return cells[passed & (place <= _CLIMBED)]
+
+
+def _climbed(rows: Rows, half: Array, cells: Cells, holding: Holding) -> tuple[Cells, Array]:
+    """Cells after projected steps up the log of their variance |f half|^2, and the variance; all stay feasible.
+
+    Step lengths of Barzilai and Borwein. A cell whose peak is not feasible goes as far towards it as it may, and on from
+    there with steps to all sides.
+    """
 
     def value_slope(q: Array) -> tuple[Array, Array]:
         F, slope = rows.traced(Cells(cells.joint, q))
@@ -139,9 +166,9 @@ def _climbed(rows: Rows, half: Array, cells: Cells, allowed: Array) -> tuple[Cel
 
     q = cells.q
     value, slope = value_slope(q)
-    step = 0.05 / (np.linalg.norm(slope, axis=1) + 1e-12)
+    before, step = value, 0.05 / (np.linalg.norm(slope, axis=1) + 1e-12)
     for _ in range(_CLIMB_STEPS):
-        tried = np.clip(q + step[:, None] * slope, *allowed.T)
+        tried = np.clip(q + step[:, None] * slope, *holding.allowed.T)
         new, new_slope = value_slope(tried)
         better = new > value
         moved, bent = tried - q, new_slope - slope
@@ -151,7 +178,43 @@ def _climbed(rows: Rows, half: Array, cells: Cells, allowed: Array) -> tuple[Cel
         step = np.where(better, longer, step / 4)
         q, slope = np.where(better[:, None], tried, q), np.where(better[:, None], new_slope, slope)
         value = np.where(better, new, value)
-    return Cells(cells.joint, np.clip(steady(q, 3), *allowed.T)), value
+    peaks = Cells(cells.joint, np.clip(steady(q, 3), *holding.allowed.T))
+    if holding.feasible is None:
+        return peaks, value
+    stopped = ~holding.keeps(peaks)
+    at_wall = holding.towards(cells[stopped], peaks[stopped])
+    reached = ((rows.of_cells(at_wall) @ half) ** 2).sum(axis=1)
+    lower = reached < before[stopped]
+    peaks.q[stopped] = np.where(lower[:, None], cells.q[stopped], steady(at_wall.q))
+    value[stopped] = np.where(lower, before[stopped], reached)
+    return _along_walls(rows, half, holding, peaks, value, stopped & (value > _ABOVE * half.shape[0]))
+
+
+def _along_walls(
+    rows: Rows, half: Array, holding: Holding, cells: Cells, value: Array, stopped: NDArray[np.bool_]
+) -> tuple[Cells, Array]:
+    """The cells and their variances after the stopped ones have taken the best feasible of steps to all sides."""
+    at = np.flatnonzero(stopped)
+    if not len(at):
+        return cells, value
+    q, value, n = cells.q.copy(), value.copy(), cells.q.shape[1]
+    joint = np.repeat(cells.joint[at], _SIDES)
+    matters = np.arange(n) > joint[:, None]
+    for k, reach in enumerate(_REACHES):
+        sides = spread(np.tile([-reach, reach], (n, 1)), _SIDES, 0.31 * (k + 1) % 1.0)
+        tried = (q[at][:, None] + sides).reshape(-1, n)
+        tried = steady(np.clip(np.where(matters, tried, np.repeat(q[at], _SIDES, axis=0)), *holding.allowed.T))
+        new = ((rows.of_cells(Cells(joint, tried)) @ half) ** 2).sum(axis=1)
+        new = new.reshape(len(at), _SIDES)
+        higher = (new > value[at][:, None]) & (new >= np.sort(new, axis=1)[:, -_ASKED, None])
+        higher, new = higher.ravel(), new.ravel()
+        higher[higher] = holding.keeps(Cells(joint[higher], tried[higher]))
+        new = np.where(higher, new, -1.0).reshape(len(at), _SIDES)
+        best = new.argmax(axis=1)
+        gains = higher.reshape(len(at), _SIDES).any(axis=1)
+        q[at[gains]] = tried.reshape(len(at), _SIDES, n)[gains, best[gains]]
+        value[at[gains]] = new[gains, best[gains]]
+    return Cells(cells.joint, q), value
 
 
 def _distinct(peaks: Cells, variance: Array, most: int) -> Array:

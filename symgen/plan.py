@@ -198,7 +198,7 @@ def make_plan(
     if choose is None:
         design = postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, effort=effort, feasible=feasible)
     else:
-        design = judged(rows, *choose(rows, model.wider, feasible))
+        design = judged(rows, *choose(rows, model.wider, feasible), feasible)
     seconds["plan"] = time.perf_counter() - start
     cells = tuple(
         Cell(chain.names[i], q, bool(extra)) for i, q, extra in zip(design.joint, design.q, design.spare, strict=True)
@@ -211,6 +211,8 @@ def make_plan(
     ]
     document["plan"] |= {"rank": rank, "open": list(open_), "infeasible": refused}
     document["plan"]["feasible"] = feasible.notes if feasible is not None else None
+    among = "cells within the joint limits" if feasible is None else "cells the arm may hold"
+    document["plan"]["d_efficiency_among"] = f"{among}, as far as the search found them"
     if columns:
         start = time.perf_counter()
         document["column_plan"] = _column_plan(model, rotor, feasible)
@@ -269,6 +271,7 @@ def _document(
             "measurements": int((~design.spare).sum()),
             "spare": int(design.spare.sum()),
             "error_model": "sigma(J_ii) proportional to J_ii + N^2 J_m (N^2 J_m = 0 where the drive is not known)",
+            "amplification_over": "evenly spread postures of the whole joint limits, feasible or not",
             "amplification_per_joint": [_known(value, 4) for value in design.amplification],
             "amplification_p999_per_joint": [_known(value, 4) for value in design.amplification_p999],
             "d_efficiency_at_least": float(np.floor(design.d_efficiency * 1e3) / 1e3),

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symgen.basis import Factoring
-from symgen.cells import Cells, Rows, spread
+from symgen.cells import Cells, Rows, every_joint, ranked, spread
 from symgen.chain import Array, readonly
 from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, Holding, Mask, box, home
 from symgen.optimal import d_efficiency, optimum
-from symgen.saturated import Search, candidates, feasible_pool, saturated
+from symgen.saturated import CANDIDATES, Search, candidates, saturated
 
 __all__ = [
     "MARGIN",
@@ -42,7 +42,10 @@ Effort = Literal["quick", "full"]
 
 _WORKSPACE = 2000
 
-_SEARCH = {"quick": Search(4, 12, 3, 30, 60), "full": Search(40, 200, 16, 90, 600)}
+#: Spare cells looked at together for one that is feasible.
+_AT_ONCE = 8
+
+_SEARCH = {"quick": Search(7, 12, 3, 30, 60), "full": Search(40, 200, 16, 90, 600)}
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,8 @@ class Design:
     """A posture plan: cell k excites joint `joint[k]` (from 0) at `q[k]`; cells run tip to base, the spare ones last.
 
     `amplification` [n] as in the module's docstring, `amplification_p999` its 99.9 % quantile over the workspace;
-    `cond` [n] the condition number of each joint's own rows, columns whitened over the workspace; `d_efficiency` proven
-    lower bound of (det / best possible det)^(1/d) per measurement for the cells without the spare ones,
+    `cond` [n] the condition number of each joint's own rows, columns whitened over the workspace; `d_efficiency` lower
+    bound, by the peaks found among all cells that may be held, of (det / best possible det)^(1/d) per measurement for the cells without the spare ones,
     `d_efficiency_all` for all.
     """
 
@@ -65,21 +68,30 @@ class Design:
     d_efficiency_all: float
 
 
-def spare_cells(rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int) -> Cells:
+def spare_cells(
+    rows: Rows, wider: Factoring, planned: Cells, pool: Cells, count: int, holding: Holding | None = None
+) -> Cells:
     """Returns `count` cells of the pool that discriminate: where a model with every inertial parameter free (`wider`) is
-    least tied down so far.
+    least tied down so far. With `holding`, as they are run, and feasible.
 
     A plan of d cells fits its d constants without residual whatever is missing; the cells chosen here are those whose
     prediction by the wider model varies most, given the planned ones and a weak prior.
     """
     G, F = rows.of_cells(pool, of=wider), rows.of_cells(planned, of=wider)
     M = F.T @ F + 1e-2 * G.T @ G / len(G)
-    chosen = []
-    for _ in range(count):
-        leverage = np.einsum("Nd,de,Ne->N", G, np.linalg.inv(M), G, optimize=True)
-        chosen.append(int(np.argmax(leverage)))
-        M += np.outer(G[chosen[-1]], G[chosen[-1]])
-    return pool[np.array(chosen, dtype=np.int64)]
+    chosen, left = planned[np.arange(0)], np.ones(len(pool), dtype=bool)
+    while len(chosen) < count and left.any():
+        leverage = np.where(left, np.einsum("Nd,de,Ne->N", G, np.linalg.inv(M), G, optimize=True), -1.0)
+        best = ranked(leverage)[: _AT_ONCE if holding else 1]
+        passed, cells = holding.placed(pool[best]) if holding else (np.ones(1, dtype=bool), pool[best])
+        if not passed.any():
+            left[best] = False
+            continue
+        k = int(np.argmax(passed & left[best]))
+        left[best[:k]] = False
+        chosen = chosen + cells[np.array([k])]
+        M += np.outer(G[best[k]], G[best[k]])
+    return chosen
 
 
 def ordered(cells: Cells, start: Array) -> Cells:
@@ -110,31 +122,33 @@ def plan(
     `wider` is the factoring of the same chain without believed zeros (or `factoring` itself), `rotor` [n, kg m2, joint
     side] the reflected motor inertias N^2 J_m where known. `effort` "quick" takes a fraction of a second, "full" some
     seconds, for a better plan and a closer bound. `feasible` tells which postures [m, n] the arm may hold (a mask [m]);
-    the certificate is against plans that need not care.
+    the certificate is against plans of cells that it may hold, as far as the search finds them.
 
     Raises PlanError when no postures within the limits, or no feasible ones, determine all constants.
     """
     chain, d = factoring.chain, factoring.d
     rows = Rows(factoring, np.zeros(chain.n) if rotor is None else rotor)
-    allowed = box(chain.limits)
     search = _SEARCH[effort]
-    first, start = candidates(rows, allowed)
-    best = optimum(rows, allowed, start, search.rounds)
-    holding = Holding(chain, allowed, feasible)
-    pool = feasible_pool(rows, best, holding)
-    _, needed = holding.placed(saturated(rows, first, best, pool, holding, search))
-    more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare)
+    holding = Holding(chain, box(chain.limits), feasible)
+    start = candidates(rows, holding)
+    best = optimum(rows, holding, start[np.arange(len(start)) < 4 * d], search.rounds)
+    _, needed = holding.placed(saturated(rows, start[np.arange(len(start)) < d], best, holding, search))
+    pool = best.cells + every_joint(spread(holding.allowed, CANDIDATES, 0.5))
+    more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare, holding)
     both = ordered(needed, holding.rest) + ordered(more, holding.rest)
-    return judged(rows, both.joint, both.q, np.arange(len(both)) >= d, allowed, best.log_det_bound)
+    return judged(rows, both.joint, both.q, np.arange(len(both)) >= d, holding, best.log_det_bound)
 
 
-def certificate(rows: Rows, F: Array, allowed: Array, effort: Effort = "quick") -> float:
-    """Returns a lower bound of the D-efficiency of the rows F [N, d] among all designs, of any size, in the box [n, 2]."""
-    return d_efficiency(F, _log_det_bound(rows, allowed, effort))
+def certificate(rows: Rows, F: Array, holding: Holding, effort: Effort = "quick") -> float:
+    """Returns a lower bound of the D-efficiency of the rows F [N, d] among designs of any size of the cells of `holding`."""
+    return d_efficiency(F, _log_det_bound(rows, holding, effort))
 
 
-def _log_det_bound(rows: Rows, allowed: Array, effort: Effort) -> float:
-    return optimum(rows, allowed, candidates(rows, allowed)[1], _SEARCH[effort].rounds).log_det_bound
+def _log_det_bound(rows: Rows, holding: Holding, effort: Effort) -> float:
+    start = candidates(rows, holding)
+    return optimum(
+        rows, holding, start[np.arange(len(start)) < 4 * rows.factoring.d], _SEARCH[effort].rounds
+    ).log_det_bound
 
 
 def judged(
@@ -142,17 +156,17 @@ def judged(
     joint: NDArray[np.int64],
     q: Array,
     spare: NDArray[np.bool_],
-    allowed: Array,
+    holding: Holding,
     log_det_bound: float | None = None,
 ) -> Design:
     """Returns the design with its amplification, conditioning and certificate, whoever chose the cells.
 
-    Amplification and whitening are taken over the whole joint limits, the certificate over the box `allowed` [n, 2];
-    `log_det_bound` as of `optimal.optimum`, which is called where it is not given.
+    Amplification and whitening are taken over the whole joint limits, feasible or not, the certificate over the cells that
+    may be held; `log_det_bound` as of `optimal.optimum`, which is called where it is not given.
     """
     n = q.shape[1]
     if log_det_bound is None:
-        log_det_bound = _log_det_bound(rows, allowed, "quick")
+        log_det_bound = _log_det_bound(rows, holding, "quick")
     everywhere = rows(spread(rows.factoring.chain.limits, _WORKSPACE, 0.123))
     F = rows.of_cells(Cells(joint, q))
     needed, own = F[~spare], joint[~spare]

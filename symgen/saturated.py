@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from symgen.ascent import climbed
 from symgen.cells import Cells, Rows, every_joint, ranked, spread, steady
 from symgen.chain import Array
 from symgen.errors import PlanError
 from symgen.holding import Holding
-from symgen.optimal import FAR, Optimum
+from symgen.optimal import Optimum
 
 #: Postures from which the search starts, and those over which it takes the amplification.
 CANDIDATES, _WORKSPACE = 500, 500
@@ -44,8 +45,8 @@ _SAME = 1e-6
 #: Steps of one stretch of the refinement, and the gain of merit below which it is over.
 _STRETCH, _STALLED = 30, 3e-4
 
-#: Feasible cells: how many times d take part in exchanges, and the parts of the way to its aim that a cell tries.
-_OPTIONS, _PARTS = 8, (1.0, 0.7, 0.4, 0.2, 0.08, 0.03)
+#: How many times d cells are kept to start from.
+_OPTIONS = 8
 
 
 @dataclass(frozen=True)
@@ -59,24 +60,36 @@ class Search:
     last_steps: int
 
 
-def candidates(rows: Rows, allowed: Array) -> tuple[Cells, Cells]:
-    """Returns d cells by exchange among evenly spread postures, and 4 d of high variance, these among them, to start from.
+def candidates(rows: Rows, holding: Holding) -> Cells:
+    """Returns feasible cells of high variance among evenly spread postures, d of large determinant first.
 
-    Raises PlanError when the postures within the box `allowed` [n, 2] do not tell all constants apart.
+    Raises PlanError when the postures within the box, or the feasible ones, do not tell all constants apart.
     """
-    d = rows.factoring.d
-    pool = every_joint(spread(allowed, CANDIDATES, 0.5))
-    F = rows.of_cells(pool)
-    rank = _rank(rows, pool)
+    d, chain, allowed = rows.factoring.d, rows.factoring.chain, holding.allowed
+    everywhere = every_joint(spread(allowed, CANDIDATES, 0.5))
+    rank = _rank(rows, everywhere)
     if rank < d:
-        chain = rows.factoring.chain
         k = int(np.argmin(allowed[:, 1] - allowed[:, 0]))
         raise PlanError(
             f"{chain.name}: postures within the joint limits tell only {rank} of {d} constants apart; expected wider limits, "
             f"or joints that hardly move frozen (narrowest: {chain.names[k]}, {allowed[k, 1] - allowed[k, 0]:.3g} rad or m)"
         )
-    telling = _telling(F)
-    return pool[telling[:d]], pool[np.sort(telling[: 4 * d])]
+    few = everywhere[_telling(rows.of_cells(everywhere), everywhere.joint)[: _OPTIONS * d]]
+    if holding.feasible is None:
+        return few
+    for some in (few, everywhere + every_joint(spread(allowed, 3 * CANDIDATES, 0.123)), None):
+        if some is None:  # as they stand, no joint moved to rest
+            cells = every_joint(holding.found(CANDIDATES))
+        else:
+            passed, placed = holding.placed(some)
+            cells = placed[passed]
+        rank = _rank(rows, cells)
+        if rank == d:
+            return cells[_telling(rows.of_cells(cells), cells.joint)[: _OPTIONS * d]]
+    raise PlanError(
+        f"{chain.name}: the postures the arm may hold (gravity, self-collision) tell only {rank} of {d} "
+        "constants apart; expected wider effort limits or smaller collision shapes; --no-feasible plans without them"
+    )
 
 
 def maxvol(F: Array, first: int | None = None) -> NDArray[np.int64]:
@@ -152,15 +165,12 @@ class Merit:
             chosen[column] = row
 
 
-def saturated(rows: Rows, first: Cells, best: Optimum, pool: Cells, holding: Holding, search: Search) -> Cells:
+def saturated(rows: Rows, first: Cells, best: Optimum, holding: Holding, search: Search) -> Cells:
     """Returns the d cells of largest merit found from the cells of the optimal spread and from the d cells `first`.
 
-    Where not all postures are feasible, from those of the `pool` (see `feasible_pool`), and all those returned are.
+    All that are returned are feasible, if `first` and the cells of the spread are.
     """
-    merit = Merit(rows)
-    options = best.cells
-    if holding.feasible is not None:
-        options = pool[_telling(rows.of_cells(pool))[: _OPTIONS * rows.factoring.d]]
+    merit, options = Merit(rows), best.cells
     F = rows.of_cells(options)
     even = F @ np.linalg.inv(np.linalg.qr(F, mode="r"))
     found: list[tuple[float, NDArray[np.int64]]] = []
@@ -169,39 +179,24 @@ def saturated(rows: Rows, first: Cells, best: Optimum, pool: Cells, holding: Hol
         found.append((round(merit(F[chosen]), 6), chosen))
     found.sort(key=lambda one: -one[0])
     distinct = [found[k][1] for k in range(len(found)) if k == 0 or found[k - 1][0] - found[k][0] > _SAME]
-    starts = [options[chosen] for chosen in distinct[: search.designs]]
-    if holding.feasible is None:
-        starts.append(first)
+    starts = [*(options[chosen] for chosen in distinct[: search.designs]), first]
     designs = [_refined(rows, merit, cells, holding, search.steps) for cells in starts]
     winner = max(designs, key=lambda cells: round(merit(rows.of_cells(cells)), 6))
     return _refined(rows, merit, winner, holding, search.last_steps)
 
 
-def feasible_pool(rows: Rows, best: Optimum, holding: Holding) -> Cells:
-    """Returns the feasible ones of the cells of the optimal spread and of evenly spread postures, as they are run.
-
-    Raises PlanError when they do not tell all constants apart.
-    """
-    d = rows.factoring.d
-    rank = 0
-    for count in (CANDIDATES, 4 * CANDIDATES):
-        passed, pool = holding.placed(best.cells + every_joint(spread(holding.allowed, count, 0.5)))
-        rank = _rank(rows, pool[passed])
-        if rank == d:
-            return pool[passed]
-    raise PlanError(
-        f"{rows.factoring.chain.name}: the postures the arm may hold (gravity, self-collision) tell only {rank} of {d} "
-        "constants apart; expected wider effort limits or smaller collision shapes; --no-feasible plans without them"
-    )
-
-
-def _telling(F: Array) -> NDArray[np.int64]:
-    """The rows of F [N, d] in order: d of large determinant, then those that would add most to them."""
+def _telling(F: Array, joint: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The rows of F [N, d] in order: d of large determinant, then of each joint in turn the one that would add most."""
     even = F @ np.linalg.inv(np.linalg.qr(F, mode="r"))
     chosen = maxvol(even)
     leverage = ((even @ np.linalg.inv(even[chosen])) ** 2).sum(axis=1)
     leverage[chosen] = -1.0
-    return np.concatenate([chosen, ranked(leverage)[: len(F) - len(chosen)]])
+    order = ranked(leverage)[: len(F) - len(chosen)]
+    turn = np.empty(len(order), dtype=np.int64)
+    for i in range(joint.max() + 1):
+        own = joint[order] == i
+        turn[own] = np.arange(own.sum())
+    return np.concatenate([chosen, order[np.argsort(turn, kind="stable")]])
 
 
 def _rank(rows: Rows, cells: Cells) -> int:
@@ -223,7 +218,7 @@ def _refined(rows: Rows, merit: Merit, cells: Cells, holding: Holding, steps: in
     best, reached = cells, merit(rows.of_cells(cells))
     for _ in range(-(-steps // _STRETCH)):
         before = reached
-        cells = _towards(cells, _climbed(rows, merit, cells, holding.allowed, stretch), holding)
+        cells = holding.towards(cells, _climbed(rows, merit, cells, holding.allowed, stretch))
         value = merit(rows.of_cells(cells))
         if value > reached:
             best, reached = cells, value
@@ -232,31 +227,15 @@ def _refined(rows: Rows, merit: Merit, cells: Cells, holding: Holding, steps: in
     return best
 
 
-def _towards(cells: Cells, aim: Cells, holding: Holding) -> Cells:
-    """Each cell moved the largest of some parts of the way to its aim at which it is feasible."""
-    q = cells.q.copy()
-    left = np.arange(len(cells))
-    for part in _PARTS:
-        tried = Cells(cells.joint[left], cells.q[left] + part * (aim.q[left] - cells.q[left]))
-        passed = holding.keeps(tried)
-        q[left[passed]] = tried.q[passed]
-        left = left[~passed]
-        if not len(left):
-            break
-    return Cells(cells.joint, q)
-
-
 def _climbed(rows: Rows, merit: Merit, cells: Cells, allowed: Array, steps: int) -> Cells:
-    from scipy.optimize import minimize
-
-    def worse(x: Array) -> tuple[float, Array]:
+    def hill(x: Array) -> tuple[float, Array] | None:
         F, slope = rows.traced(Cells(cells.joint, x.reshape(cells.q.shape)))
         try:
             value, by_row = merit.with_slope(F)
         except np.linalg.LinAlgError:  # a step too far put two cells on one corner of the box
-            return FAR, np.zeros_like(x)
-        return -value, slope(-by_row).ravel()
+            return None
+        return value, slope(by_row).ravel()
 
-    bounds = np.tile(allowed, (len(cells), 1))
-    x = minimize(worse, cells.q.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps}).x
+    low, high = np.tile(allowed, (len(cells), 1)).T
+    x = climbed(hill, cells.q.ravel(), low, high, steps)
     return Cells(cells.joint, np.clip(steady(x).reshape(cells.q.shape), *allowed.T))

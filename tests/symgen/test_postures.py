@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from symgen.basis import Factoring, factor
 from symgen.cells import Cells, Rows, every_joint, spread
 from symgen.chain import Chain, Inertia
-from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, box, home
+from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, Holding, box, home
 from symgen.postures import Design, Effort, certificate, judged, plan
 from symgen.regressor import C_rows
 from symgen.saturated import maxvol
@@ -178,8 +178,8 @@ def control(name: str, cells: Cells) -> float:
     """Worst amplification of other cells."""
     rows = rows_of(name)
     spare = np.zeros(len(cells), dtype=bool)
-    allowed = box(rows.factoring.chain.limits)
-    return float(judged(rows, cells.joint, cells.q, spare, allowed, log_det_bound=np.inf).amplification.max())
+    holding = Holding(rows.factoring.chain, box(rows.factoring.chain.limits), None)
+    return float(judged(rows, cells.joint, cells.q, spare, holding, log_det_bound=np.inf).amplification.max())
 
 
 def chance(name: str, seed: int) -> Cells:
@@ -229,17 +229,18 @@ def test_the_certificate_is_below_what_is_true(name: str) -> None:
     """A better design, found by brute force, bounds the true efficiency from above; the certificate must be below it."""
     rows = rows_of(name)
     allowed = box(rows.factoring.chain.limits)
+    holding = Holding(rows.factoring.chain, allowed, None)
     better = by_brute_force(rows, allowed)
     design = designed(name, "full", 0)
     for cells in (Cells(design.joint, design.q), *(chance(name, seed) for seed in range(4))):
         F = rows.of_cells(cells)
         true = float(np.exp((np.linalg.slogdet(F.T @ F / len(F))[1] - better) / F.shape[1]))
         for effort in ("quick", "full"):
-            stated = certificate(rows, F, allowed, effort)
+            stated = certificate(rows, F, holding, effort)
             assert 0 < stated <= min(true, 1.0) + 1e-12
         assert stated >= 0.97 * min(true, 1.0)
     assert design.d_efficiency == pytest.approx(
-        certificate(rows, rows.of_cells(Cells(design.joint, design.q)), allowed, "full")
+        certificate(rows, rows.of_cells(Cells(design.joint, design.q)), holding, "full")
     )
 
 

@@ -13,10 +13,15 @@ from numpy.typing import NDArray
 
 from symgen.basis import factor
 from symgen.cells import Rows
+from symgen.chain import Chain
 from symgen.errors import PlanError
 from symgen.holding import Holding, box
 from symgen.optimal import optimum
-from symgen.saturated import Merit, Search, candidates, feasible_pool, maxvol, saturated
+from symgen.saturated import Merit, Search, candidates, maxvol, saturated
+
+
+def free(chain: Chain) -> Holding:
+    return Holding(chain, box(chain.limits), None)
 
 
 def volume(F: np.ndarray) -> float:
@@ -41,7 +46,7 @@ def test_exchange_ends_where_no_single_swap_helps_and_near_the_best_of_all(seed:
 def test_merit_is_determinant_over_worst_amplification_and_its_slope_is_that_of_differences() -> None:
     rows = Rows(factoring_of("ypp3"), np.array([0.0, 0.2, 0.1]))
     merit, chain = Merit(rows), rows.factoring.chain
-    cells = candidates(rows, box(chain.limits))[0]
+    cells = candidates(rows, free(chain))[np.arange(9)]
     F = rows.of_cells(cells)
     everywhere = rows(postures(chain, 20000))
     covariance = np.linalg.inv(F.T @ F)
@@ -82,12 +87,11 @@ def sharp(merit: Merit, F: np.ndarray) -> float:
 
 def test_a_longer_search_is_not_worse() -> None:
     rows = Rows(factoring_of("ur5"), np.zeros(6))
-    holding = Holding(arm("ur5"), box(arm("ur5").limits), None)
-    first, start = candidates(rows, holding.allowed)
-    best = optimum(rows, holding.allowed, start, 4)
-    pool, merit = feasible_pool(rows, best, holding), Merit(rows)
+    holding, merit = free(arm("ur5")), Merit(rows)
+    start = candidates(rows, holding)
+    first, best = start[np.arange(28)], optimum(rows, holding, start, 4)
     found = [
-        merit(rows.of_cells(saturated(rows, first, best, pool, holding, search)))
+        merit(rows.of_cells(saturated(rows, first, best, holding, search)))
         for search in (Search(4, 1, 0, 0, 0), Search(4, 6, 1, 10, 20), Search(4, 24, 6, 40, 200))
     ]
     assert merit(rows.of_cells(first)) <= found[0] < found[1] < found[2]
@@ -101,31 +105,45 @@ def in_front(q: np.ndarray) -> NDArray[np.bool_]:
 def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
     rows = Rows(factoring_of("ur5"), np.zeros(6))
     holding = Holding(arm("ur5"), box(arm("ur5").limits), in_front)
-    first, start = candidates(rows, holding.allowed)
-    best = optimum(rows, holding.allowed, start, 4)
-    pool, merit = feasible_pool(rows, best, holding), Merit(rows)
-    assert in_front(pool.q).all() and len(pool) > 1000
+    merit, start = Merit(rows), candidates(rows, holding)
+    first, best = start[np.arange(28)], optimum(rows, holding, start, 4)
+    assert holding.keeps(start).all() and holding.keeps(best.cells).all()
     short, long = (
-        saturated(rows, first, best, pool, holding, search)
-        for search in (Search(4, 6, 2, 0, 0), Search(4, 6, 2, 40, 200))
+        saturated(rows, first, best, holding, search) for search in (Search(4, 6, 2, 0, 0), Search(4, 6, 2, 40, 200))
     )
     for cells in (short, long):
         passed, placed = holding.placed(cells)
         assert passed.all() and in_front(placed.q).all()
     assert merit(rows.of_cells(long)) > merit(rows.of_cells(short)) + 0.1, "refined up to the walls"
-    unbound = saturated(rows, first, best, pool, Holding(arm("ur5"), holding.allowed, None), Search(4, 6, 2, 40, 200))
+    anywhere = optimum(rows, free(arm("ur5")), start, 4)
+    assert anywhere.log_det_bound > best.log_det_bound
+    unbound = saturated(rows, first, anywhere, free(arm("ur5")), Search(4, 6, 2, 40, 200))
     assert merit(rows.of_cells(unbound)) > merit(rows.of_cells(long)), "walls cost something"
 
 
 def test_too_few_feasible_postures_are_refused_in_one_line() -> None:
     rows = Rows(factoring_of("ypp3"), np.zeros(3))
     holding = Holding(arm("ypp3"), box(arm("ypp3").limits), lambda q: np.abs(q[:, 2]) < 1e-3)
-    best = optimum(rows, holding.allowed, candidates(rows, holding.allowed)[1], 1)
     with pytest.raises(
         PlanError, match=r"ypp3: the postures the arm may hold .* tell only \d of 9 constants apart"
     ) as caught:
-        feasible_pool(rows, best, holding)
+        candidates(rows, holding)
     assert "\n" not in str(caught.value)
+
+
+def test_an_unusual_wall_leaves_a_plan_wherever_its_postures_tell_enough() -> None:
+    """Nothing is feasible near rest, and joints that do not matter must go together: no single joint can be moved alone."""
+
+    def thin(q: np.ndarray) -> NDArray[np.bool_]:
+        return (np.abs(q[:, 0] - q[:, 1]) < 0.6) & (np.abs(q[:, 0] + q[:, 2]) > 1.0) & (q[:, 1] < -0.8)
+
+    rows = Rows(factoring_of("ypp3"), np.zeros(3))
+    chain = rows.factoring.chain
+    holding = Holding(chain, box(chain.limits), thin)
+    assert not thin(holding.rest[None]).any()
+    start = candidates(rows, holding)
+    assert len(start) >= 9 and holding.keeps(start).all()
+    assert np.linalg.matrix_rank(rows.of_cells(start)) == 9
 
 
 def test_postures_that_can_not_tell_the_constants_are_refused_by_name() -> None:
@@ -133,4 +151,4 @@ def test_postures_that_can_not_tell_the_constants_are_refused_by_name() -> None:
     stuck = replace(chain.joints[1], lower=0.5, upper=0.5)
     rows = Rows(factor(replace(chain, joints=(chain.joints[0], stuck, chain.joints[2]))), np.zeros(3))
     with pytest.raises(PlanError, match=r"seed 0: .* only \d+ of 13 constants .*narrowest: j2, 0 rad"):
-        candidates(rows, box(rows.factoring.chain.limits))
+        candidates(rows, free(rows.factoring.chain))
