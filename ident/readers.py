@@ -6,6 +6,7 @@ The campaign file has its own door, `store`; these files are foreign and are onl
 from __future__ import annotations
 
 import struct
+import tokenize
 import warnings
 import zipfile
 import zlib
@@ -29,7 +30,7 @@ _HEAD_LINES = 200
 #: What the libraries are known to raise on a damaged file.
 _DAMAGE = (
     OSError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError, AttributeError, RuntimeError, EOFError,
-    zlib.error, zipfile.BadZipFile, struct.error,
+    zlib.error, zipfile.BadZipFile, struct.error, SyntaxError, NameError, tokenize.TokenError,
 )  # fmt: skip
 
 _MAT73 = b"MATLAB 7.3"
@@ -103,7 +104,7 @@ def _fields(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Arra
 def _npz(path: Path) -> Iterator[tuple[str, Array]]:
     if not zipfile.is_zipfile(path):
         raise ImportingError(f"{path}: a damaged NPZ file: its end is missing")
-    with np.load(path, allow_pickle=False) as content:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as content:  # numpy leaves a damaged file open
         for name in content.files:
             try:
                 array = _numbers(content[name])

@@ -295,6 +295,56 @@ def test_files_that_are_none(content: bytes, says: str, tmp_path: Path) -> None:
     assert says in str(caught.value) and "x.dat" in str(caught.value) and "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("kind", ["npz", "mat73", "h5", "csv"])  # scipy itself can crash on a damaged MAT file
+def test_damaged_files_end_in_one_line(kind: str, truth: Record, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    short = replace(truth, periods=1, tau=truth.tau[:300], theta=truth.theta[:300])
+    file = tmp_path / f"record.{'mat' if kind == 'mat73' else kind}"
+    (csv if kind == "csv" else WRITERS[kind][1])(file, short)
+    sound, refused = file.read_bytes(), 0
+    for k in range(60):
+        damaged = bytearray(sound[: rng.integers(len(sound))] if k % 2 else sound)
+        for place in rng.integers(min(len(damaged), 3000), size=3) if len(damaged) else ():
+            damaged[place] ^= 1 << int(rng.integers(8))
+        file.write_bytes(damaged)
+        try:
+            read_variables(file)
+        except ImportingError as error:
+            refused += 1
+            assert "record." in str(error) and "\n" not in str(error)
+    assert refused > 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "no FILE"),
+        (["r.npz"], "--map is missing"),
+        (["r.npz", "--map", "map.toml"], "-o is missing"),
+        (["r.npz", "--guess", "-o", "x.h5"], "does not go with --guess"),
+        (["r.npz", "--map", "nowhere.toml", "-o", "x.h5"], "nowhere.toml"),
+        (["nowhere.npz", "--map", "map.toml", "-o", "x.h5"], "nowhere.npz"),
+        (["r.npz", "r.npz", "--map", "map.toml", "-o", "x.h5"], "two files of one name"),
+        (["r.npz", "--map", "map.toml", "-o", "."], "a directory"),
+        (["r.npz", "--map", "far.toml", "-o", "x.h5"], "within its limits"),
+    ],
+)
+def test_the_command_refuses_in_one_line(
+    arguments: list[str], says: str, truth: Record, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    np.savez("r.npz", **columns(truth))
+    text = NAMED + "sample_rate_Hz = 1000\n"
+    Path("map.toml").write_text(text)
+    Path("far.toml").write_text(text.replace(str(POSTURE), "[0.1, 40.0, -0.3]"))
+    before = sorted(tmp_path.iterdir())
+    assert main(["import", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and says in err and err.count("\n") == 1 and err.startswith("ident: ")
+    assert sorted(tmp_path.iterdir()) == before
+
+
 def test_a_log_is_refused_with_a_line_that_says_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
