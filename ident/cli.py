@@ -6,7 +6,8 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,9 @@ from symgen.errors import SymgenError
 
 if TYPE_CHECKING:
     from ident.campaign import Campaign
+    from ident.effects.base import Effect
     from ident.identify import Identification
+    from symgen.robot import Drive
 
 #: Notes printed with --brief.
 _BRIEF = 3
@@ -50,6 +53,13 @@ def _parser() -> argparse.ArgumentParser:
             help="hold the other joints by PD and disturbance observer on their motors (dob), or weld them (rigid)",
         )  # fmt: skip
     simulate.add_argument("-o", dest="out", metavar="FILE.h5", required=True, help="the campaign file to write")
+    simulate.add_argument(
+        "--effect", action="append", default=[], metavar="NAME:PARAM=VALUE,..@JOINT",
+        help="put an effect that nobody declared into the simulated arm; may be repeated; the names are those of the diagnosis",
+    )  # fmt: skip
+    simulate.add_argument(
+        "--truth", metavar="FILE.json", help="write here which effects were put in; the campaign does not tell"
+    )
     fit.add_argument("campaign", metavar="CAMPAIGN.h5")
     for sub in (run, fit):
         sub.add_argument(
@@ -95,6 +105,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _failed(str(error))
     except OSError as error:
         return _failed(f"{error.filename}: {error.strerror}")
+    except KeyboardInterrupt:
+        _failed("interrupted; records that are done stay, the same command goes on there")
+        return 130
 
 
 def _failed(message: str) -> int:
@@ -141,44 +154,77 @@ def _progress(options: argparse.Namespace) -> Callable[[str], None]:
     return lambda text: print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
 
 
-def _campaign(options: argparse.Namespace) -> tuple[Campaign, bool]:
-    """The planned campaign of a robot directory on the simulated robot, and whether its zeros are believed."""
-    from ident.bench import simulate
+def _effects(options: argparse.Namespace, drives: Sequence[Drive]) -> list[Effect]:
+    """The effects of --effect, written to the file of --truth where one is wanted."""
+    from ident.effects.catalogue import parse, truth
+
+    effects = [parse(text, drives) for text in getattr(options, "effect", ())]
+    if getattr(options, "truth", None):
+        path = Path(options.truth)
+        beside = path.with_name(f".{path.name}.part")
+        beside.write_text(json.dumps(truth(effects, drives), indent=1) + "\n")
+        os.replace(beside, path)
+    return effects
+
+
+@contextmanager
+def _bar(options: argparse.Namespace) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar of records on standard error where that is a terminal; never with --json."""
+    from tqdm import tqdm
+
+    with tqdm(unit="record", disable=options.json or not sys.stderr.isatty(), leave=False) as bar:
+
+        def update(done: int, total: int) -> None:
+            if bar.total is None:
+                bar.reset(total)
+                bar.initial = done
+            bar.update(done - bar.n)
+
+        yield update
+
+
+def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str, Any]]:
+    """Writes the planned campaign of a robot directory on the simulated robot; what to tell of it, and whether zeros are
+    believed."""
+    from ident.bench import design, head
+    from ident.design import summary
+    from ident.resume import run_to_file
     from symgen.plan import plan_of_robot
     from symgen.robot import load_robot
 
     robot = load_robot(options.robot)
     plan = plan_of_robot(robot)
-    chain = plan.model.chain
-    cells = [(cell.joint, cell.q) for cell in plan.cells]
-    say = _progress(options)
-    campaign = simulate(
-        chain, robot, cells, lock=options.lock, seed=options.seed,
-        progress=lambda done, count: say(f"{done} of {count} records simulated"),
-    )  # fmt: skip
-    say("")
-    return campaign, robot.believe_zeros
+    chain, cells = plan.model.chain, [(cell.joint, cell.q) for cell in plan.cells]
+    effects = _effects(options, [robot.drive(name) for name in chain.names])
+    jobs = design(chain, robot, cells, lock=options.lock, seed=options.seed, effects=effects)
+    notes = summary(chain, [job.setup for job in jobs])
+    empty = head(chain, robot, (), lock=options.lock)
+    _directory(str(path.parent))
+    with _bar(options) as progress:
+        run_to_file(
+            jobs, empty, path, progress=progress, say=lambda line: print(f"ident: {line}", file=sys.stderr, flush=True)
+        )
+    records = [job.id for job in jobs]
+    return robot.believe_zeros, {"campaign": str(path), "records": records, "source": empty.source, "notes": notes}
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from ident.store import write_campaign
-
-    campaign, _ = _campaign(options)
-    write_campaign(campaign, options.out)
+    _, done = _simulated(options, Path(options.out))
     if options.json:
-        print(json.dumps({"campaign": options.out, "records": [record.id for record in campaign.records]}))
-    else:
-        print(f"{options.out}: {len(campaign.records)} records, {campaign.source}")
+        print(json.dumps(done, ensure_ascii=False))
+        return 0
+    for note in done["notes"]:
+        print(note)
+    print(f"{options.out}: {len(done['records'])} records, {done['source']}")
     return 0
 
 
 def _run(options: argparse.Namespace) -> int:
-    from ident.store import write_campaign
+    from ident.store import read_campaign
 
-    campaign, believe_zeros = _campaign(options)
-    out = _directory(options.out)
-    write_campaign(campaign, out / "campaign.h5")
-    return _identified(campaign, believe_zeros, out, options)
+    out = Path(options.out)
+    believe_zeros, _ = _simulated(options, out / "campaign.h5")
+    return _identified(read_campaign(out / "campaign.h5"), believe_zeros, out, options)
 
 
 def _fit(options: argparse.Namespace) -> int:

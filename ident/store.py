@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,16 +43,74 @@ def write_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
     """
     path = Path(path)
     _check_campaign(campaign, str(path))
+    _replace(path, lambda file: _write(file, campaign))
+
+
+def join_campaigns(parts: Sequence[Path], path: str | os.PathLike[str]) -> None:
+    """Writes the campaign of all records in the campaign files `parts`, which agree in everything else.
+
+    Records are copied as they are stored. Complete or not at all, and errors, as in `write_campaign`.
+    """
+
+    def fill(file: h5py.File) -> None:
+        for k, part in enumerate(parts):
+            with h5py.File(part, "r") as one:
+                if k == 0:
+                    file.attrs.update(one.attrs)
+                    for name in ("robot", "drive"):
+                        one.copy(name, file)
+                for id, record in one["experiments"].items():
+                    one.copy(record, file.require_group("experiments"), id)
+
+    _replace(Path(path), fill)
+
+
+def _replace(path: Path, fill: Callable[[h5py.File], None]) -> None:
+    """Puts a file with what `fill` writes in the place of `path`, once it is safely on the disk.
+
+    It is made in memory: HDF5 does not bear a disk that fills up while it writes.
+    """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with h5py.File(h5py.h5f.create(path.name.encode(), fcpl=_creation(), fapl=_access())) as file:
+        fill(file)
+        file.flush()
+        image = file.id.get_file_image()
     try:
-        # object headers of HDF5 1.10 carry checksums: a bit flipped in an attribute or a shape is found, too
-        with h5py.File(part, "w", libver=("v110", "v110")) as file:
-            _write(file, campaign)
+        with part.open("wb") as out:
+            out.write(image)
+            out.flush()
+            os.fsync(out.fileno())
         os.replace(part, path)
+        _sync(path.parent)
     except OSError as error:
-        raise CampaignError(f"{path}: cannot be written: {_line(error)}") from None
+        raise CampaignError(f"{path}: cannot be written: {error.strerror or _line(error)}") from None
     finally:
         part.unlink(missing_ok=True)
+
+
+def _creation() -> Any:
+    """The same campaign is the same file: HDF5 would write down when."""
+    properties = h5py.h5p.create(h5py.h5p.FILE_CREATE)
+    properties.set_obj_track_times(False)
+    return properties
+
+
+def _access() -> Any:
+    """In memory. Object headers of HDF5 1.10 carry checksums: a bit flipped in an attribute or a shape is found, too."""
+    properties = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    properties.set_fapl_core(backing_store=False)
+    properties.set_libver_bounds(h5py.h5f.LIBVER_V110, h5py.h5f.LIBVER_V110)
+    return properties
+
+
+def _sync(directory: Path) -> None:
+    """Makes a new name survive a power cut, where directories can be opened."""
+    if hasattr(os, "O_DIRECTORY"):
+        handle = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:
@@ -87,12 +145,15 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
 def _write(file: h5py.File, c: Campaign) -> None:
     file.attrs.update(format=FORMAT, version=VERSION, source=c.source, fs_hz=c.fs, hold=c.hold)
     file.attrs[_TEXT_CHECK] = _checksum(c.urdf, c.source, c.hold)
-    file["robot/urdf"] = c.urdf
+    file.create_group("robot")["urdf"] = c.urdf  # a group that comes with its first child would keep the time
     names = [name.encode() for name in c.joints]
     kind = h5py.string_dtype("utf-8", max(map(len, names)))  # of fixed length: stored, and so checked, with the dataset
     file.create_dataset("robot/joint_names", data=names, dtype=kind, chunks=True, compression=_GZIP, fletcher32=True)
     for name, values in (("gear_ratio", c.N), ("motor_inertia", c.J_m), ("stiffness", c.K), ("gravity", c.gravity)):
         _array(file, f"drive/{name}", values)
+    for name, damping in _damping(c):
+        if damping is not None and not np.all(np.isnan(damping)):
+            _array(file, f"drive/{name}", damping)
     for record in c.records:
         group = file.create_group(f"experiments/{record.id}")
         group.attrs.update(
@@ -230,6 +291,8 @@ def _read(file: h5py.File, where: str) -> Campaign:
         J_m=root.array("drive/motor_inertia", (n,)),
         K=root.array("drive/stiffness", (n,)),
         gravity=root.array("drive/gravity", (3,)),
+        D=root.array("drive/damping", (n,)) if "drive/damping" in file else None,
+        D_spring=root.array("drive/spring_damping", (n,)) if "drive/spring_damping" in file else None,
         source=source,
         records=tuple(_read_record(groups, id, n, where) for id in sorted(groups)),
     )
@@ -275,6 +338,10 @@ def _check_campaign(c: Campaign, where: str) -> None:
         ("drive/gear_ratio", c.N, _finite(c.N, (n,)) and np.all(c.N != 0), "n finite numbers other than 0"),
         ("drive/motor_inertia", c.J_m, _positive_or_nan(c.J_m, n), "n finite numbers > 0, NaN where unknown"),
         ("drive/stiffness", c.K, _positive_or_nan(c.K, n), "n finite numbers > 0, NaN where unknown"),
+        *(
+            (f"drive/{name}", D, _not_negative_or_nan(D, n), "n finite numbers >= 0, NaN where unknown")
+            for name, D in _damping(c)
+        ),
         ("drive/gravity", c.gravity, _finite(c.gravity, (3,)), "3 finite numbers"),
         ("experiments", len(c.records), len(c.records) > 0, "at least one record"),
     )
@@ -348,6 +415,19 @@ def _finite(values: Array, shape: tuple[int, ...]) -> bool:
 
 def _positive_or_nan(values: Array, n: int) -> bool:
     return values.shape == (n,) and bool(np.all(np.isnan(values) | ((values > 0) & np.isfinite(values))))
+
+
+def _not_negative_or_nan(values: Array | None, n: int) -> bool:
+    return (
+        values is not None
+        and values.shape == (n,)
+        and bool(np.all(np.isnan(values) | ((values >= 0) & np.isfinite(values))))
+    )
+
+
+def _damping(c: Campaign) -> tuple[tuple[str, Array | None], ...]:
+    """Beyond the format: the declared damping, where there is any."""
+    return (("damping", c.D), ("spring_damping", c.D_spring))
 
 
 def _urdf_limits(urdf: str, where: str) -> dict[str, tuple[float, float]]:

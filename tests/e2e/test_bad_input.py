@@ -386,7 +386,7 @@ def no_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
     def simulated(*_: object, **__: object) -> None:
         pytest.fail("simulated first, refused later")
 
-    monkeypatch.setattr("ident.bench.simulate", simulated)
+    monkeypatch.setattr("ident.resume.run_to_file", simulated)
 
 
 @pytest.mark.parametrize(

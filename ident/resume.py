@@ -1,0 +1,165 @@
+"""A simulated campaign that survives anything: every record is a file of its own until all are there.
+
+Beside the campaign file stands a directory, its name with ".partial" added: one campaign file a record, complete or not
+there at all, named by what it was made from. Started again, the same request finds them; another one does not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, is_dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident import bench, design, dob, excitation, plant
+from ident.bench import Job, in_parallel, run
+from ident.campaign import Campaign
+from ident.errors import CampaignError, ExperimentError
+from ident.store import join_campaigns, read_campaign, write_campaign
+
+_PROGRAM = (bench, design, dob, excitation, plant)
+_LIBRARIES = ("mujoco", "numpy", "scipy")
+_RECORD = re.compile(r"\d{4,}-[0-9a-f]{16}\.h5|\.\d{4,}-[0-9a-f]{16}\.h5\.\d+\.part")
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    job: Job
+    empty: Campaign
+    path: Path
+
+
+def run_to_file(
+    jobs: Sequence[Job],
+    empty: Campaign,
+    path: str | os.PathLike[str],
+    *,
+    workers: int = 2,
+    progress: Callable[[int, int], None] | None = None,
+    say: Callable[[str], None] | None = None,
+) -> None:
+    """Writes the campaign of all `jobs` to `path`; `empty` is the campaign without records (`bench.head`).
+
+    Records of the same jobs that an earlier run left in "<path>.partial" are taken as they are; `path` itself appears only
+    complete, and is then the same, byte for byte, as after a run that nothing stopped. `progress(done, total)` is called
+    at the start and after every record, `say` with one line about what was found.
+    ExperimentError as in `bench.simulate`, CampaignError where a file can not be written: what is done stays.
+    """
+    path, tell = Path(path), say or (lambda line: None)
+    partial = path.with_name(f"{path.name}.partial")
+    tasks = _tasks(jobs, empty, partial)
+    with _owned(partial):
+        _drop_others(partial, {task.path.name for task in tasks}, tell)
+        missing = [task for task in tasks if not _sound(task.path, tell)]
+        done = len(tasks) - len(missing)
+        if done:
+            tell(f"{path}: goes on after {done} of {len(tasks)} records, found in {partial}")
+        if progress:
+            progress(done, len(tasks))
+        try:
+            for _ in in_parallel(_do, missing, workers):
+                done += 1
+                if progress:
+                    progress(done, len(tasks))
+            join_campaigns([task.path for task in tasks], path)
+        except CampaignError as error:
+            kept = sum(task.path.exists() for task in tasks)
+            raise CampaignError(
+                f"{error}; {kept} of {len(tasks)} records are kept in {partial}: the same command goes on there"
+            ) from None
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _do(task: _Task) -> None:
+    write_campaign(replace(task.empty, records=(run(task.job),)), task.path)
+
+
+def _tasks(jobs: Sequence[Job], empty: Campaign, partial: Path) -> list[_Task]:
+    program = [Path(str(module.__file__)).read_bytes() for module in _PROGRAM]
+    made_by = [program, [version(library) for library in _LIBRARIES], empty]
+    return [_Task(job, empty, partial / f"{job.id}-{digest([made_by, job])[:16]}.h5") for job in jobs]
+
+
+@contextmanager
+def _owned(partial: Path) -> Iterator[None]:
+    """The directory of the records, for one process at a time; a killed one does not keep it."""
+    try:
+        partial.mkdir(exist_ok=True)
+        lock = os.open(partial / "lock", os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise CampaignError(f"{partial}: cannot be written: {error.strerror}") from None
+    try:
+        try:
+            import fcntl  # POSIX only; elsewhere two runs at once do the same work twice
+
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except ImportError:
+            pass
+        except OSError:
+            raise ExperimentError(f"{partial}: another process is writing there; expected one at a time") from None
+        yield
+    finally:
+        os.close(lock)
+
+
+def _drop_others(partial: Path, wanted: set[str], tell: Callable[[str], None]) -> None:
+    """Removes what another request left; nothing that this program has not written."""
+    others = [name for name in os.listdir(partial) if _RECORD.fullmatch(name) and name not in wanted]
+    records = sum(name.endswith(".h5") for name in others)
+    if records:
+        tell(f"{partial}: {records} records of another request (arguments, robot or program differ) are dropped")
+    for name in others:
+        (partial / name).unlink(missing_ok=True)
+
+
+def _sound(path: Path, tell: Callable[[str], None]) -> bool:
+    """Whether the record is there and whole."""
+    if not path.exists():
+        return False
+    try:
+        read_campaign(path)
+    except CampaignError as error:
+        tell(f"{error}: simulated again")
+        return False
+    return True
+
+
+def digest(thing: Any) -> str:
+    """Returns the SHA-256 [hex] of a tree of dataclasses, arrays and plain values; paths do not count, their texts do.
+
+    TypeError for anything else: what is not understood must not be taken for equal.
+    """
+    return hashlib.sha256(b"".join(_parts(thing))).hexdigest()
+
+
+def _parts(thing: Any) -> Iterator[bytes]:
+    if isinstance(thing, Path):
+        return
+    head = f"{type(thing).__name__}:"
+    if is_dataclass(thing):
+        yield head.encode()
+        for field in fields(thing):
+            yield f"{field.name}=".encode()
+            yield from _parts(getattr(thing, field.name))
+    elif isinstance(thing, np.ndarray):
+        yield f"{head}{thing.dtype.str}{thing.shape}".encode() + thing.tobytes()
+    elif isinstance(thing, np.random.SeedSequence):
+        yield f"{head}{thing.entropy},{thing.spawn_key}".encode()
+    elif isinstance(thing, Mapping):
+        yield from _parts(sorted(thing.items()))
+    elif isinstance(thing, tuple | list):
+        yield f"{head}{len(thing)}[".encode()
+        for item in thing:
+            yield from _parts(item)
+    elif isinstance(thing, bytes | str | bool | int | float | np.generic | None):
+        yield f"{head}{thing!r};".encode()
+    else:
+        raise TypeError(f"no digest of a {type(thing).__name__}")
