@@ -253,9 +253,11 @@ def _constants(
 
 def _without(entry: Entry, zero: NDArray[np.bool_]) -> Entry:
     """The entry with the believed zeros struck out, and the monomials that thereby vanish (but never all of them)."""
-    A: Array = np.where(zero, 0.0, entry.A)
+    A: Array = np.where(zero, 0.0, entry.A) if zero.any() else entry.A
     kept = np.array(A.any(axis=1))
     kept[:1] |= not kept.any()
+    if kept.all():
+        return replace(entry, A=A)
     return replace(entry, digits=entry.digits[kept], A=A[kept])
 
 
@@ -267,6 +269,7 @@ def _sparse(A: Array, P: Array, size: Array) -> Array:
     contribution = np.abs(S) * size
     largest = contribution.max(axis=1, keepdims=True, initial=0.0)
     S[contribution < _SMALL * np.maximum(largest, 1e-300)] = 0.0
-    whole = np.round(S)
+    whole = np.rint(S)
     near = np.abs(S - whole) < 1e-12 * np.abs(whole)
-    return np.where(near, whole, S)
+    S[near] = whole[near]
+    return S

@@ -26,8 +26,8 @@ Angle = tuple[tuple[int, int], ...]
 #: coefficients of an arm whose axes are nearly, but not quite, parallel add up over thousands of monomials.
 ZERO = 4e-15
 
-#: Entries with more monomials than this are not written out: only those up to `LOW_DEGREE` are, which span the same
-#: constants (`basis.factor` checks it). A general arm of 8 joints has 78125 in J_11.
+#: Entries with more monomials than this are not written out: only those up to `LOW_DEGREE` are, which name the same
+#: constants (how many there are `basis` finds from J at postures). A general arm of 8 joints has 78125 in J_11.
 MOST_MONOMIALS = 20_000
 LOW_DEGREE = 3
 
@@ -137,7 +137,7 @@ class _Body:
     def swing(axis: Array, p: Array) -> list[Array]:
         """A shift by R(psi) p, R about `axis`, without turning the frame: the coefficients of 1, c, s, c^2, c s."""
         p0 = axis * (axis @ p)
-        p1, p2 = p - p0, np.cross(axis, p)
+        p1, p2 = p - p0, skew(axis) @ p
         maps = [np.zeros((10, 10)) for _ in range(5)]
         maps[0] += np.eye(10)
         for T, part in zip(maps, (p0, p1, p2), strict=False):
@@ -181,7 +181,7 @@ class _Twist:
     @staticmethod
     def swing(axis: Array, p: Array) -> list[Array]:
         p0 = axis * (axis @ p)
-        maps = [_Twist.shift(part) for part in (p0, p - p0, np.cross(axis, p))]
+        maps = [_Twist.shift(part) for part in (p0, p - p0, skew(axis) @ p)]
         return [maps[0], maps[1] - np.eye(6), maps[2] - np.eye(6)]
 
     @staticmethod
@@ -197,7 +197,7 @@ def _runs(chain: Chain, first: int) -> Iterator[list[int]]:
         if run:
             previous = chain.joints[run[-1]]
             parallel = previous.type == joint.type == REVOLUTE and (
-                float(np.linalg.norm(np.cross(joint.R @ joint.axis, previous.axis))) < PARALLEL
+                float(np.linalg.norm(skew(previous.axis) @ joint.R @ joint.axis)) < PARALLEL
             )
             if not parallel:
                 yield run
