@@ -11,6 +11,7 @@ from symgen.basis import Factoring
 from symgen.chain import REVOLUTE, Array, Chain
 from symgen.errors import SymgenError
 from symgen.inertia import monomials
+from symgen.quiet import quiet
 from symgen.regressor import J_rows
 
 #: What exactness means: rounding of a few hundred additions of numbers of the size of the largest entry of J.
@@ -95,7 +96,8 @@ def _model_of_file(chain: Chain) -> Any:
     if not chain.source:
         return None
     try:
-        whole = pin.buildModelFromXML(chain.source)
+        with quiet():  # urdfdom prints what it dislikes
+            whole = pin.buildModelFromXML(chain.source)
         rest = pin.neutral(whole)
         for name, value in chain.frozen.items():
             if whole.existJointName(name):
