@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ident.doctor import Examination, JointCheck
+from ident.doctor import Examination
+from ident.doctor_findings import JointCheck
 
 
 def document(found: Examination) -> dict[str, Any]:

@@ -6,23 +6,32 @@ As strict as robot.toml: every key is known, every unit is written out. `KEYS` s
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from ident.errors import ImportingError
 from ident.stand_in import Body, stand_in
+from ident.toml_table import (
+    Check,
+    Table,
+    choice,
+    either,
+    lines_of,
+    names_of,
+    nonzero,
+    number,
+    numbers,
+    positive,
+    read_toml,
+    text,
+    whole,
+)
 from symgen.plan import chain_of_file
 
 AUTO = "auto"
 MEASURED = "measured"
 
-_MAX_BYTES = 1_000_000
-_MAX_LINES = 1_000_000
 
 #: Every key a map may hold, by table, with what it means: the documentation, and the list of what is not a mistake.
 KEYS: Mapping[str, Mapping[str, str]] = {
@@ -151,7 +160,7 @@ class Map:
 def load_map(path: str | Path) -> Map:
     """Returns the map in the TOML file. ImportingError, one line naming file, table and key, for whatever is not one."""
     path = Path(path)
-    document = _Table(str(path), _read(path))
+    document = Table(str(path), read_toml(path))
     document.known(("campaign", "robot", "joint", "record", "file"), ("robot", "joint", "record"))
     campaign, robot = document.table("campaign"), document.table("robot")
     campaign.known(KEYS["campaign"], ("hold",))
@@ -179,46 +188,31 @@ def load_map(path: str | Path) -> Map:
     files = document.table("file")
     return Map(
         path=path,
-        source=campaign.get("source", _text, "a measured machine"),
-        hold=campaign.get("hold", _choice("zoh", "band-limited"), ""),
+        source=campaign.get("source", text, "a measured machine"),
+        hold=campaign.get("hold", choice("zoh", "band-limited"), ""),
         urdf=urdf,
-        gravity=robot.get("gravity_m_per_s2", _numbers(3), gravity),
+        gravity=robot.get("gravity_m_per_s2", numbers(3), gravity),
         joints=joints,
         record=record,
         files={name: _record(files.table(name), record, names) for name in files.values},
     )
 
 
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        if not path.is_file():
-            raise ImportingError(f"{path}: no such file; expected a map.toml (ident import --guess writes one)")
-        if path.stat().st_size > _MAX_BYTES:
-            raise ImportingError(f"{path}: larger than {_MAX_BYTES} bytes; expected a map.toml")
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise ImportingError(f"{path}: cannot be read: {error.strerror}") from None
-    except RecursionError:
-        raise ImportingError(f"{path}: not TOML: nested too deeply") from None
-    except ValueError as error:
-        raise ImportingError(f"{path}: not TOML: {' '.join(str(error).split())}") from None
-
-
-def _robot(robot: _Table, tables: _Table, path: Path) -> tuple[tuple[str, ...], str | None]:
+def _robot(robot: Table, tables: Table, path: Path) -> tuple[tuple[str, ...], str | None]:
     """The names of the joints, base to tip, and the text of the URDF, None where the joints stand in."""
-    given = robot.get("joints", _names, None)
+    given = robot.get("joints", names_of, None)
     if "urdf" not in robot.values:
         if given is None:
             raise robot.error("found neither urdf nor joints, expected one of them")
         return given, None
-    chain, _ = chain_of_file(path.parent / robot.get("urdf", _text, ""))
+    chain, _ = chain_of_file(path.parent / robot.get("urdf", text, ""))
     names = chain.names if given is None else given
     if [name for name in chain.names if name in names] != list(names):
         raise robot.error(f"joints: found {', '.join(names)}, expected some of {', '.join(chain.names)}, in this order")
     return names, chain.source
 
 
-def _joint(table: _Table, name: str, invented: bool) -> JointMap:
+def _joint(table: Table, name: str, invented: bool) -> JointMap:
     table.known(KEYS["joint"], ("torque", "motor_angle"))
     for a, b in (("N", "N_rad_per_m"), ("K_Nm_per_rad", "K_N_per_m"), ("J_l_kgm2", "m_l_kg")):
         if a in table.values and b in table.values:
@@ -226,31 +220,31 @@ def _joint(table: _Table, name: str, invented: bool) -> JointMap:
     for key in ("J_l_kgm2", "m_l_kg"):
         if key in table.values and not invented:
             raise table.error(f"{key}: the URDF says it; expected it only where there is no URDF")
-    N = table.get("N", _nonzero, table.get("N_rad_per_m", _nonzero, 1.0))
-    K = table.get("K_Nm_per_rad", _positive, table.get("K_N_per_m", _positive, math.nan))
+    N = table.get("N", nonzero, table.get("N_rad_per_m", nonzero, 1.0))
+    K = table.get("K_Nm_per_rad", positive, table.get("K_N_per_m", positive, math.nan))
     signals = {key: _signal(table, key) for key in ("torque", "motor_angle", "motor_velocity", "link_angle")}
     found = {key: signal for key, signal in signals.items() if signal is not None}
-    return JointMap(name, N, table.get("J_m_kgm2", _positive, math.nan), K, found)
+    return JointMap(name, N, table.get("J_m_kgm2", positive, math.nan), K, found)
 
 
-def _body(table: _Table, name: str) -> Body:
+def _body(table: Table, name: str) -> Body:
     if "m_l_kg" in table.values:
-        return Body(name, True, table.get("m_l_kg", _positive, 0.0))
+        return Body(name, True, table.get("m_l_kg", positive, 0.0))
     if "J_l_kgm2" not in table.values:
         raise table.error("J_l_kgm2 is missing; expected a guess of the link's inertia, as there is no URDF")
-    return Body(name, False, table.get("J_l_kgm2", _positive, 0.0))
+    return Body(name, False, table.get("J_l_kgm2", positive, 0.0))
 
 
-def _signal(table: _Table, key: str) -> Signal | None:
+def _signal(table: Table, key: str) -> Signal | None:
     value = table.values.get(key)
     if value is None:
         return None
-    signal = _Table(f"{table.where}: {key}", {"name": value} if isinstance(value, str) else value)
+    signal = Table(f"{table.where}: {key}", {"name": value} if isinstance(value, str) else value)
     signal.known(KEYS["signal"], ("name",))
     units = _UNITS[key]
     counts = _COUNTS.get(key, "")
     unit = signal.get(
-        "unit", _choice(*units, *([counts] if counts else ())), next(iter(units)) if len(units) == 1 else ""
+        "unit", choice(*units, *([counts] if counts else ())), next(iter(units)) if len(units) == 1 else ""
     )
     if not unit:
         raise signal.error(f"unit is missing; expected one of {', '.join(units)}{', ' + counts if counts else ''}")
@@ -258,176 +252,39 @@ def _signal(table: _Table, key: str) -> Signal | None:
         raise signal.error(f'unit {unit!r}: counts_per_rev goes with unit "counts", and only with it')
     if "torque_constant_Nm_per_A" in signal.values and unit not in ("A", "mA"):
         raise signal.error(f"torque_constant_Nm_per_A: goes with a current, but unit is {unit!r}")
-    size = 2 * math.pi / signal.get("counts_per_rev", _positive, 1.0) if unit == counts else units[unit]
-    gain = signal.get("gain", _nonzero, 1.0) * signal.get("sign", _choice(1, -1), 1)
-    column = signal.get("column", _whole(1), None)
+    size = 2 * math.pi / signal.get("counts_per_rev", positive, 1.0) if unit == counts else units[unit]
+    gain = signal.get("gain", nonzero, 1.0) * signal.get("sign", choice(1, -1), 1)
+    column = signal.get("column", whole(1), None)
     offset = signal.values.get("offset", 0.0)
-    constant = signal.get("torque_constant_Nm_per_A", _positive, 1.0)
+    constant = signal.get("torque_constant_Nm_per_A", positive, 1.0)
     return Signal(
-        name=signal.get("name", _text, ""),
+        name=signal.get("name", text, ""),
         column=None if column is None else column - 1,
         scale=size * gain * constant,
-        offset=None if offset == "posture" and key in ("motor_angle", "link_angle") else signal.get("offset", _number, 0.0),
-        wrap=signal.get("wrap", _positive, None),
-        joint_side=signal.get("side", _choice("motor", "joint"), "motor") == "joint",
+        offset=None if offset == "posture" and key in ("motor_angle", "link_angle") else signal.get("offset", number, 0.0),
+        wrap=signal.get("wrap", positive, None),
+        joint_side=signal.get("side", choice("motor", "joint"), "motor") == "joint",
         current=unit in ("A", "mA") and "torque_constant_Nm_per_A" not in signal.values,
     )  # fmt: skip
 
 
-def _record(table: _Table, base: RecordMap, joints: Sequence[str]) -> RecordMap:
+def _record(table: Table, base: RecordMap, joints: Sequence[str]) -> RecordMap:
     table.known(KEYS["record"], ())
     found: dict[str, Any] = {}
 
-    def take(key: str, name: str, check: _Check) -> None:
+    def take(key: str, name: str, check: Check) -> None:
         if key in table.values:
             found[name] = table.get(key, check, None)
 
-    take("excited", "excited", _choice(*joints))
-    take("posture_rad", "posture", _or(MEASURED, _numbers(len(joints))))
-    take("sample_rate_Hz", "fs", _positive)
-    take("period_samples", "period", _or(AUTO, _whole(2)))
-    take("f0_Hz", "f0", _positive)
-    take("periods", "periods", _whole(1))
-    take("skip_samples", "skip", _whole(0))
-    take("lines", "lines", _or(AUTO, _lines))
+    take("excited", "excited", choice(*joints))
+    take("posture_rad", "posture", either(MEASURED, numbers(len(joints))))
+    take("sample_rate_Hz", "fs", positive)
+    take("period_samples", "period", either(AUTO, whole(2)))
+    take("f0_Hz", "f0", positive)
+    take("periods", "periods", whole(1))
+    take("skip_samples", "skip", whole(0))
+    take("lines", "lines", either(AUTO, lines_of))
     for key in ("time", "reference"):
         if key in table.values:
             found[key] = _signal(table, key)
     return replace(base, **found)
-
-
-# values ---------------------------------------------------------------------------------------------------------------
-
-
-class _Unfit(Exception):
-    """A value that breaks its key's rule; the text says what was expected."""
-
-
-_Check = Callable[[Any], Any]
-
-
-@dataclass(frozen=True)
-class _Table:
-    """One table of the file, and how to speak of it."""
-
-    where: str
-    values: Any
-
-    def error(self, problem: str) -> ImportingError:
-        return ImportingError(f"{self.where}: {problem}")
-
-    def table(self, name: str) -> _Table:
-        return _Table(f"{self.where}: {name}" if name.isprintable() else f"{self.where}: {name!r}", self._of(name))
-
-    def _of(self, name: str) -> Any:
-        value = self.values.get(name, {})
-        if not isinstance(value, dict):
-            raise self.error(f"{name}: found {_short(value)}, expected a table")
-        return value
-
-    def known(self, keys: Mapping[str, str] | Sequence[str], required: Sequence[str]) -> None:
-        if not isinstance(self.values, dict):
-            raise self.error(f"found {_short(self.values)}, expected a table")
-        for key in self.values:
-            if key not in keys:
-                raise self.error(f"unknown key {key!r}; expected {', '.join(keys)}")
-        for key in required:
-            if key not in self.values:
-                raise self.error(f"{key} is missing")
-
-    def get(self, key: str, check: _Check, default: Any) -> Any:
-        if key not in self.values:
-            return default
-        try:
-            return check(self.values[key])
-        except _Unfit as error:
-            raise self.error(f"{key}: found {_short(self.values[key])}, expected {error}") from None
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e300:
-        raise _Unfit("a finite number")
-    return float(value)
-
-
-def _nonzero(value: Any) -> float:
-    if (number := _number(value)) == 0:
-        raise _Unfit("a number other than 0")
-    return number
-
-
-def _positive(value: Any) -> float:
-    if (number := _number(value)) <= 0:
-        raise _Unfit("a number > 0")
-    return number
-
-
-def _whole(least: int) -> _Check:
-    def check(value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or not least <= value < 2**53:
-            raise _Unfit(f"a whole number >= {least}")
-        return value
-
-    return check
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str) or not value or "\0" in value:
-        raise _Unfit("a non-empty string")
-    return value
-
-
-def _names(value: Any) -> tuple[str, ...]:
-    if not isinstance(value, list) or not value or len({_text(name) for name in value}) < len(value):
-        raise _Unfit("a list of names, all different")
-    return tuple(value)
-
-
-def _choice(*known: Any) -> _Check:
-    def check(value: Any) -> Any:
-        if isinstance(value, bool | list | dict) or value not in known:
-            raise _Unfit(" or ".join(map(repr, known)))
-        return value
-
-    return check
-
-
-def _numbers(count: int) -> _Check:
-    def check(value: Any) -> tuple[float, ...]:
-        if not isinstance(value, list) or len(value) != count:
-            raise _Unfit(f"{count} numbers")
-        return tuple(map(_number, value))
-
-    return check
-
-
-def _or(word: str, check: _Check) -> _Check:
-    def either(value: Any) -> Any:
-        try:
-            return word if value == word else check(value)
-        except _Unfit as error:
-            raise _Unfit(f'{error}, or "{word}"') from None
-
-    return either
-
-
-def _lines(value: Any) -> tuple[int, ...]:
-    expected = 'increasing whole numbers >= 1 as a list, or "first:last" or "first:step:last"'
-    if isinstance(value, str) and all(part.isdecimal() and len(part) < 10 for part in value.split(":")):
-        first, *step, last = (int(part) for part in ("0:" + value if ":" not in value else value).split(":"))
-        if len(step) > 1 or 0 in step or last - first > _MAX_LINES:
-            raise _Unfit(expected)
-        value = list(range(first, last + 1, *step))
-    if not isinstance(value, list) or not value or any(isinstance(k, bool) or not isinstance(k, int) for k in value):
-        raise _Unfit(expected)
-    if value[0] < 1 or value[-1] >= 2**53 or np.any(np.diff(value) <= 0):
-        raise _Unfit(expected)
-    return tuple(value)
-
-
-def _short(value: Any) -> str:
-    try:
-        text = " ".join(repr(value).split())
-    except ValueError:  # an integer of more than 4300 digits
-        return "a huge integer"
-    return text if len(text) <= 60 else text[:57] + "..."
