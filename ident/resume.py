@@ -19,13 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from ident import bench, design, dob, excitation, plant
 from ident.bench import Job, in_parallel, run
 from ident.campaign import Campaign
 from ident.errors import CampaignError, ExperimentError
 from ident.store import join_campaigns, read_campaign, write_campaign
 
-_PROGRAM = (bench, design, dob, excitation, plant)
 _LIBRARIES = ("mujoco", "numpy", "scipy")
 _RECORD = re.compile(r"\d{4,}-[0-9a-f]{16}\.h5|\.\d{4,}-[0-9a-f]{16}\.h5\.\d+\.part")
 
@@ -83,7 +81,7 @@ def _do(task: _Task) -> None:
 
 
 def _tasks(jobs: Sequence[Job], empty: Campaign, partial: Path) -> list[_Task]:
-    program = [Path(str(module.__file__)).read_bytes() for module in _PROGRAM]
+    program = [source.read_bytes() for source in sorted(Path(__file__).parent.rglob("*.py"))]
     made_by = [program, [version(library) for library in _LIBRARIES], empty]
     return [_Task(job, empty, partial / f"{job.id}-{digest([made_by, job])[:16]}.h5") for job in jobs]
 

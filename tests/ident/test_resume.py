@@ -19,6 +19,7 @@ import pytest
 import ident.store
 from ident.bench import Job, design, head, simulate
 from ident.campaign import Campaign
+from ident.effects.catalogue import parse
 from ident.errors import CampaignError, ExperimentError
 from ident.resume import digest, run_to_file
 from ident.store import join_campaigns, read_campaign, write_campaign
@@ -205,6 +206,8 @@ def test_the_digest_tells_every_difference_that_matters() -> None:
     changed = [
         replace(first, steps=3),
         replace(first, id="0002"),
+        replace(first, effects=(parse("motor-coulomb:level=0.01@joint1", first.drives),)),
+        replace(first, effects=(parse("motor-coulomb:level=0.02@joint1", first.drives),)),
         replace(first, robot=replace(ROBOT, gravity=np.zeros(3))),
         replace(first, drives=(replace(first.drives[0], D=0.0), *first.drives[1:])),
         replace(first, setup=replace(first.setup, posture=np.nextafter(first.setup.posture, 1))),
