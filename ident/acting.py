@@ -12,7 +12,7 @@ anti-resonances and wrong by what a spring is not linear; the second is as noisy
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +26,7 @@ from ident.frf import Complex
 from symgen.chain import Chain
 
 #: Samples a period per line of the band: laws with kinks need more than Nyquist's two.
-OVERSAMPLED = 4
+OVERSAMPLED = 3
 #: What the springs' law is doubted by, relative to their torque, where an effect acts at a spring; and the motors' equation.
 SPRING_DOUBT, MOTOR_DOUBT = 0.03, 1e-3
 #: Times the forces are computed from the links that they move.
@@ -36,6 +36,8 @@ PASSES = 2
 @dataclass(frozen=True, eq=False)
 class Scene:
     """One record as effects see it: m live of n joints at lines `lines` [L] of f0 [Hz], measured `tau`, `theta` [L, m].
+
+    The motion is that of the lines `above` (lines [H], tau, theta [H, m]), too: dry friction moves a joint beyond the band.
 
     `noise` [2, m] are the rms errors of tau and theta at a line. `means` [2, n] of torques [N m] and motor angles [rad] and `posture` [n] are those of all joints. `slopes` are
     (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by. `chain` the declared links.
@@ -52,12 +54,25 @@ class Scene:
     means: Array
     posture: Array
     N: Array
+    above: tuple[NDArray[np.int64], Complex, Complex]
     slopes: tuple[Array, Array] | None = None
     chain: Chain | None = None
 
     @cached_property
+    def wide(self) -> Scene:
+        """The same record at all lines, those above the band included."""
+        lines, tau, theta = self.above
+        none = (lines[:0], tau[:0], theta[:0])
+        return replace(
+            self, lines=np.concatenate([self.lines, lines]), tau=np.concatenate([self.tau, tau]),
+            theta=np.concatenate([self.theta, theta]), above=none,
+        )  # fmt: skip
+
+    @cached_property
     def samples(self) -> int:
-        return int(2 ** np.ceil(np.log2(OVERSAMPLED * (self.lines[-1] + 1))))
+        """Samples of a period in time, the same for the band and for all lines."""
+        last = self.above[0][-1] if len(self.above[0]) else self.lines[-1]
+        return int(2 ** np.ceil(np.log2(OVERSAMPLED * (last + 1))))
 
     @cached_property
     def s(self) -> Complex:
@@ -99,13 +114,16 @@ def acting(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extra:
     linear = linear_extra(scene, p, effects)
     if scene.slopes is None and not any(_has_forces(e) for e in effects):
         return linear
-    on_motor, on_link, reading = _forces(scene, p, effects, linear)[:3]
+    wide = scene.wide
+    forces = _forces(wide, p, effects, linear_extra(wide, p, effects))[:3]
+    on_motor, on_link, reading = (force[: len(scene.lines)] for force in forces)
     return Extra(linear.impedance, linear.torque_gain, linear.angle_gain, on_motor, on_link, reading)
 
 
 def motion_of(scene: Scene, p: Parameters, effects: Sequence[Effect] = ()) -> Motion:
     """How the arm moved in this record, by what was measured and the effects known so far."""
-    return _forces(scene, p, effects, linear_extra(scene, p, effects))[3]
+    wide = scene.wide
+    return _forces(wide, p, effects, linear_extra(wide, p, effects))[3]
 
 
 def _has_forces(effect: Effect) -> bool:
@@ -172,12 +190,15 @@ def _motion(scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex
     mean_tau, mean_theta = scene.means
     twist, none = scene.N * mean_tau / p.K, np.zeros(scene.n)
     means = [mean_theta, none, mean_tau, mean_theta / scene.N - twist, none, twist, none, scene.N * mean_tau]
-    whole = []
+    whole: list[Array] = []
     for mean, period in zip(means, periods, strict=True):
         signal = np.tile(mean, (scene.samples, 1))
         signal[:, live] += period
         whole.append(signal)
-    return Motion(1.0 / (scene.f0 * scene.samples), scene.N, *whole, K=p.K)
+    theta_t, omega, tau_t, q_t, q_rate, deflection, rate, spring_t = whole
+    return Motion(
+        1.0 / (scene.f0 * scene.samples), scene.N, theta_t, omega, tau_t, q_t, q_rate, deflection, rate, spring_t, p.K
+    )
 
 
 def _diagonal(values: Complex) -> Complex:

@@ -43,7 +43,7 @@ PROBES = 200
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """One record, ready to be fitted: the joints that move, at L lines. `index` among the records, `excited` joint and
-    `is_excited` [L] lines; `noise_dof` degrees of freedom of its noise powers."""
+    `is_excited` [L] lines; `noise_dof` degrees of freedom of its noise powers. Only lines `judged` [L] count; None: all."""
 
     index: int
     excited: int
@@ -52,6 +52,17 @@ class Evidence:
     sampling: Sampling
     noise: Noise
     noise_dof: float
+    judged: NDArray[np.bool_] | None = None
+
+    @property
+    def use(self) -> NDArray[np.bool_]:
+        """The lines [L] that count."""
+        return np.ones(len(self.sampling.f), dtype=bool) if self.judged is None else self.judged
+
+    @property
+    def count(self) -> int:
+        """How many lines count."""
+        return int(self.use.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,11 +141,23 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
     arm = posture_at(campaign, model, basis, live, frf.posture)
     samples = band.noise[:, use][:, :, np.concatenate([live, frf.n + live])]
     floors = np.stack([ROUNDING * np.abs(band.tau[:, live]).max(axis=0), np.sqrt(frf.floor[live])]) + 1e-300
+    errors = np.sqrt(np.mean(np.abs(samples) ** 2, axis=(0, 1))).reshape(2, -1)
     scene = Scene(
-        arm, frf.n, band.lines[use], band.f0, campaign.fs, band.tau[use][:, live], band.theta[use][:, live],
-        np.maximum(np.sqrt(np.mean(np.abs(samples) ** 2, axis=(0, 1))).reshape(2, -1), floors), np.stack([band.mean_tau, band.mean_theta]), frf.posture, campaign.N,
-        _slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None, model.chain,
-    )  # fmt: skip
+        arm=arm,
+        n=frf.n,
+        lines=band.lines[use],
+        f0=band.f0,
+        fs=campaign.fs,
+        tau=band.tau[use][:, live],
+        theta=band.theta[use][:, live],
+        noise=np.maximum(errors, floors),
+        means=np.stack([band.mean_tau, band.mean_theta]),
+        posture=frf.posture,
+        N=campaign.N,
+        above=(band.above[0], band.above[1][:, live], band.above[2][:, live]),
+        slopes=_slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
+        chain=model.chain,
+    )
     one = 2.0 * (BINS - ORDER)
     share = (frf.dof / one - 1.0) / (frf.width - 1) if frf.width > 1 else 1.0
     return Evidence(
@@ -180,8 +203,13 @@ def scale_of(start: Parameters) -> Array:
     return np.concatenate([drives, *sizes])
 
 
-def minimise(problem: Problem, vector: Array, doubts: Sequence[float] = (), outer: int = OUTER) -> Minimum:
-    """Levenberg-Marquardt, weights made anew at every minimum until that moves nothing; first with `doubts`."""
+def minimise(
+    problem: Problem, vector: Array, doubts: Sequence[float] = (), outer: int = OUTER, roughly: bool = False
+) -> Minimum:
+    """Levenberg-Marquardt, weights made anew at every minimum until that moves nothing; first with `doubts`.
+
+    `roughly` ends each descent where chi^2 falls by less than `ROUGHLY`.
+    """
     converged, chi2, information = False, np.inf, np.zeros((len(vector), len(vector)))
     for doubt in (*doubts, *[0.0] * outer):
         weights = weights_at(problem, vector, doubt)
@@ -190,7 +218,9 @@ def minimise(problem: Problem, vector: Array, doubts: Sequence[float] = (), oute
         for _ in range(INNER):
             for _ in range(TRIALS):
                 step = _step(problem, slope, information, damping)
-                trial = np.clip(vector + problem.scale * step, problem.low, problem.high)
+                trial = np.clip(
+                    vector + problem.scale * step, problem.low, problem.high
+                )  # a drive changes by e at most
                 cost = chi_squared(problem, trial, weights)
                 if cost <= chi2:
                     break
@@ -201,7 +231,7 @@ def minimise(problem: Problem, vector: Array, doubts: Sequence[float] = (), oute
             damping = max(damping / 5.0, 1e-12)
             vector, moved, before = trial, float(step @ information @ step), chi2
             chi2, slope, information = normal_equations(problem, vector, weights)
-            if moved < SMALL_STEP**2 or (doubt and before - chi2 < ROUGHLY * before):
+            if moved < SMALL_STEP**2 or ((doubt or roughly) and before - chi2 < ROUGHLY * before):
                 settled = True
                 break
         shift = (vector - begin) / problem.scale
@@ -230,7 +260,8 @@ def weights_at(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Comp
         p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
         linear = linear_extra(scene, p, effects)
-        found.append(whitening(scene.arm, p, one.sampling, one.noise, scene.theta, doubt, linear))
+        W = whitening(scene.arm, p, one.sampling, one.noise, scene.theta, doubt, linear)
+        found.append(W if one.judged is None else W * one.judged[:, None, None])
     return found
 
 
@@ -281,6 +312,8 @@ def chi_squared(problem: Problem, vector: Array, weights: Sequence[Complex]) -> 
     total = 0.0
     with np.errstate(all="ignore"):  # a trial step beyond numbers is refused for its size
         for one, W in zip(problem.data, weights, strict=True):
+            if not np.isfinite(one.scene.arm.J(p)).all():
+                return float(np.inf)
             if np.linalg.eigvalsh(one.scene.arm.J(p))[0] <= 0.0:
                 return float(np.inf)
             r = residual(problem, vector, one)[0]

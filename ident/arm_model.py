@@ -149,7 +149,7 @@ def _held(
     rise = -np.expm1(-s * Ts) / Ts  # (1 - 1/z) / Ts
     theta, derivatives = _continuous(arm, p, s, tau * (rise / s)[:, None, None], derive, extra)
     orders = np.delete(np.arange(-ALIASES, ALIASES + 1), ALIASES)
-    shift: Complex = 2j * np.pi * sampling.fs * orders
+    shift = np.asarray(2j * np.pi * sampling.fs * orders, dtype=complex)
     left_over = np.sum(1.0 / (s[:, None] + shift) ** 3, axis=1) + 1.0 / s**3
     zm = np.expm1(s * Ts)
     rigid = Ts**2 * (zm + 2.0) / (2.0 * zm**2) - rise * left_over
@@ -199,6 +199,16 @@ def stiffness(
         Z_ml + impedance[:, m:, :m],
         Z_ll + impedance[:, m:, m:],
     )
+
+
+def transfer(arm: Posture, p: Parameters, s: Complex, extra: Extra = NOTHING) -> tuple[Complex, Complex]:
+    """Returns the measured angles [S, m, m, rad] per force on the motors and on the links, joint side, at s [S]."""
+    Z_mm, Z_ml, Z_lm, Z_ll = stiffness(arm, p, s, extra.impedance)
+    yielding = np.linalg.inv(Z_ll)
+    core = arm.N[:, None] * np.linalg.inv(Z_mm - Z_ml @ yielding @ Z_lm)
+    if extra.angle_gain is not None:
+        core = core * extra.angle_gain[..., None]
+    return core, -core @ Z_ml @ yielding
 
 
 def _continuous(

@@ -147,24 +147,32 @@ def _starts(
 
     `start` or datasheet and CAD, at once and by detours, then other stiffnesses, then what two masses say.
     """
-    J = np.mean([np.diag(model.J_cad(frf.posture)) for frf in responses], axis=0)
-
-    def damped(K: Array, J_m: Array, alpha: Array, gravity: Array) -> Start:
-        D, D_spring = 2 * START_DAMPING * np.sqrt(K * J_m) / campaign.N, 2 * START_DAMPING * np.sqrt(K * J)
-        return Start(K, J_m, D, D_spring, alpha, gravity)
-
-    fitted = None
     if start is None:
-        K, J_m = campaign.K, campaign.J_m
-        if not (np.isfinite(K) & np.isfinite(J_m)).all():
-            fitted = _two_mass_drives(campaign, responses)
-            K, J_m = (np.where(np.isfinite(own), own, other) for own, other in zip((K, J_m), fitted, strict=True))
-        start = damped(K, J_m, model.alpha_cad, basis @ model.chain.parameters)
+        start = declared_start(campaign, model, responses, basis)
     yield start, ()
     yield start, DOUBTS
     for factor in SCALES:
-        yield damped(start.K * factor, start.J_m, start.alpha, start.gravity), DOUBTS
-    yield damped(*(fitted or _two_mass_drives(campaign, responses)), start.alpha, start.gravity), DOUBTS
+        yield _damped(campaign, model, responses, start.K * factor, start.J_m, start.alpha, start.gravity), DOUBTS
+    drives = _two_mass_drives(campaign, responses)
+    yield _damped(campaign, model, responses, *drives, start.alpha, start.gravity), DOUBTS
+
+
+def declared_start(campaign: Campaign, model: Model, responses: Sequence[Frf], basis: Array) -> Start:
+    """The declared arm: datasheet (two-mass fits where it is silent), CAD, and a damping of 1 %."""
+    K, J_m = campaign.K, campaign.J_m
+    if not (np.isfinite(K) & np.isfinite(J_m)).all():
+        fitted = _two_mass_drives(campaign, responses)
+        K, J_m = (np.where(np.isfinite(own), own, other) for own, other in zip((K, J_m), fitted, strict=True))
+    return _damped(campaign, model, responses, K, J_m, model.alpha_cad, basis @ model.chain.parameters)
+
+
+def _damped(
+    campaign: Campaign, model: Model, responses: Sequence[Frf], K: Array, J_m: Array, alpha: Array, gravity: Array
+) -> Start:
+    """These drives and links with a damping of 1 %."""
+    J = np.mean([np.diag(model.J_cad(frf.posture)) for frf in responses], axis=0)
+    D, D_spring = 2 * START_DAMPING * np.sqrt(K * J_m) / campaign.N, 2 * START_DAMPING * np.sqrt(K * J)
+    return Start(K, J_m, D, D_spring, alpha, gravity)
 
 
 def _two_mass_drives(campaign: Campaign, responses: Sequence[Frf]) -> tuple[Array, Array]:

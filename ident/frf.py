@@ -37,6 +37,8 @@ GROUP = 10
 POSTURE_TOLERANCE = 0.02
 #: A mean that moves by more than this over the kept periods, rad or m, is reported: J(q) is constant to 0.5 % only.
 DRIFT_TOLERANCE = 5e-3
+#: Share of the sampling rate up to which motion is read.
+HIGHEST = 0.45
 #: Spectra carry rounding errors of about 1e-16 of the largest line; nothing is trusted beyond this.
 ROUNDING = 1e-13
 
@@ -75,7 +77,8 @@ class Spectra:
     """One record at every line of its band, excited or not; amplitudes as in `Frf`.
 
     `lines` [F] harmonics of `f0` [Hz], `excited` [F]; `tau`, `theta` [F, n], `noise` [R, F, 2n] as in `Frf`; `mean_tau` [n, N m] and
-    `mean_theta` [n, rad] motor side, over the kept periods.
+    `mean_theta` [n, rad] motor side, over the kept periods. `above` are (lines [H], tau, theta [H, n]) beyond the band, where
+    kinks of a nonlinear motion go on, noise and all.
     """
 
     lines: NDArray[np.int64]
@@ -86,6 +89,7 @@ class Spectra:
     noise: Complex
     mean_tau: Array
     mean_theta: Array
+    above: tuple[NDArray[np.int64], Complex, Complex]
 
     @property
     def frequencies(self) -> Array:
@@ -205,12 +209,19 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     detection = _detect(band, excited, mean[:, n:], noise[:, :, n:], record)
     whole = Spectra(
         band, record.f0, excited, _fixed(mean[:, :n]), _fixed(mean[:, n:]), _fixed(noise),
-        rest.mean(axis=0)[:n], rest.mean(axis=0)[n:],
+        rest.mean(axis=0)[:n], rest.mean(axis=0)[n:], _above(periods.mean(axis=0), band[-1], n),
     )  # fmt: skip
     return Frf(
         record.id, record.excited, joint, record.posture, _hertz(lines, record), tau, theta, _fixed(noise[:, excited]),
         variance, dof, width, first, M, step, floor, detection, drift, offset, tuple(status), whole,
     )  # fmt: skip
+
+
+def _above(period: Array, last: int, n: int) -> tuple[NDArray[np.int64], Complex, Complex]:
+    """The lines beyond `last` of one mean `period` [S, 2n] up to `HIGHEST` of the sampling rate."""
+    lines = np.arange(last + 1, max(last, int(HIGHEST * len(period))) + 1)
+    spectrum = np.fft.rfft(period - period.mean(axis=0), axis=0)[lines] * (2.0 / len(period))
+    return lines, _fixed(spectrum[:, :n]), _fixed(spectrum[:, n:])
 
 
 def _hertz(lines: NDArray[np.int64], record: Record) -> Array:

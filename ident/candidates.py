@@ -1,0 +1,307 @@
+"""The effects that could explain a residual, each with the size it wants: scored to first order, all else refitted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ident.acting import known
+from ident.arm_fit import in_record
+from ident.campaign import Array
+from ident.effects.base import Effect, Parameter, scale
+from ident.effects.catalogue import CATALOGUE
+from ident.effects.learned import VARIABLES, learned, variable
+from ident.errors import IdentError
+from ident.frf import Complex
+from ident.trace import Linearised
+
+#: Orders [per revolution] at which cogging, ripple and gear errors are looked for, and how many of them are scored.
+ORDERS, BEST_ORDERS = tuple(range(1, 101)), 2
+#: Share of a plausible size from which an effect that is not linear in its size is differentiated.
+SMALL = 1e-3
+#: Knots of a learned curve.
+KNOTS = 11
+#: A first-order size beyond these factors of the one tried says that another one is meant.
+WITHIN = (0.02, 50.0)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect with start values, the fall of chi^2 it promises on the records fitted, and the `scales` of its parameters."""
+
+    effect: Effect
+    gain: float
+    scales: tuple[float, ...]
+
+    @property
+    def key(self) -> tuple[str, int | None, str]:
+        return self.effect.name, self.effect.joint, self.effect.port
+
+
+def units(lin: Linearised, effect: type[Effect], joint: int | None) -> tuple[float, ...]:
+    """What one unit of each parameter is, for an effect at a joint: the arm's largest one for an effect of the whole arm."""
+    if joint is None:
+        everywhere = [units(lin, effect, j) for j in range(lin.problem.n)]
+        return tuple(np.max(everywhere, axis=0).tolist()) if everywhere[0] else ()
+    return tuple(scale(p.relative, _sizes(lin, effect.port, joint)) for p in effect.parameters)
+
+
+def _sizes(lin: Linearised, port: str, joint: int) -> dict[str, float]:
+    """Largest rms torque, angle and rate at a port over the records, and the constants of its joint."""
+    port = port if port in ("motor", "spring", "link") else "motor" if port == "sensor" else "link"
+    moved = [m.at(port, joint) for m in lin.motions]
+    angle, rate, torque = (max(float(np.std(signals)) for signals in kind) for kind in zip(*moved, strict=True))
+    p = lin.problem.parameters(lin.vector)
+    J = max(float(known(one.scene, p).J[joint, joint]) for one in lin.problem.data)
+    motor = port == "motor"
+    mass = sum(float(body.inertia.mass) for body in lin.problem.data[0].scene.chain.joints[-1:])  # type: ignore[union-attr]
+    tiny = 1e-300
+    return {
+        "torque": torque + tiny, "angle": angle + tiny, "rate": rate + tiny, "K": float(p.K[joint]),
+        "J": float(p.J_m[joint]) if motor else J, "damping": float((p.D if motor else p.D_spring)[joint]), "mass": mass,
+    }  # fmt: skip
+
+
+def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
+    """What `effect` adds to the whitened prediction of each record [L, m], to first order in the effect; None: nothing."""
+    kind = type(effect)
+    law = kind.force is not Effect.force
+    found: list[Complex | None] = []
+    p = lin.problem.parameters(lin.vector)
+    for at, (one, W) in enumerate(zip(lin.problem.data, lin.W, strict=True)):
+        scene, motion, ports = one.scene, lin.motions[at], lin.ports[at]
+        live = scene.arm.live
+        total = np.zeros_like(scene.theta)
+        if law and effect.joint in live:
+            torque = effect.force(motion)
+            port = effect.port if effect.port in ("motor", "spring") else "link"
+            if torque is not None:
+                total = total + ports[port, int(effect.joint or 0)] * scene.at_lines(torque)[:, None]
+        if kind.loads is not Effect.loads:
+            for port, joint, load in effect.loads([motion.state(j) for j in range(scene.n)]):
+                if joint in live:
+                    total = total + ports[port, joint] * scene.at_lines(load)[:, None]
+        if kind.reading is not Effect.reading and effect.joint in live:
+            error = effect.reading(motion)
+            if error is not None:
+                total = total + ports["sensor", int(effect.joint or 0)] * scene.at_lines(error)[:, None]
+        total = total + _linear(lin, effect, at, W)
+        shares = effect.shares(one.index)
+        for name, share in shares.items():
+            column = ("K", "J_m", "D", "D_spring").index(name) * scene.n + int(effect.joint or 0)
+            place = np.flatnonzero(lin.columns[at] == column)
+            if place.size:
+                total = total - lin.A[at][:, :, place[0]] * (np.log1p(share) / lin.problem.scale[column])
+        found.append(total if np.any(total) else None)
+    del p
+    return found
+
+
+def _linear(lin: Linearised, effect: Effect, at: int, W: Complex) -> Complex:
+    """What its impedance, gains and shift of posture add in record `at`."""
+    one, kind = lin.problem.data[at], type(effect)
+    scene, ports = one.scene, lin.ports[at]
+    p = in_record(lin.problem.parameters(lin.vector), lin.problem.effects_at(lin.vector), one.index)
+    live, n, s = scene.arm.live, scene.n, scene.s
+    total = np.zeros_like(scene.theta)
+    Z: Complex | None = None
+    if kind.impedance is not Effect.impedance:
+        both = np.concatenate([live, n + live])
+        whole = effect.impedance(s, known(scene, p))
+        Z = None if whole is None else whole[:, both[:, None], both]
+    if kind.posture is not Effect.posture:
+        moved = lin.problem.posture_of(one, effect.posture(scene.posture))
+        dJ, dK = moved.J(p) - scene.arm.J(p), (moved.K_rows - scene.arm.K_rows) @ p.gravity
+        Z = np.zeros((len(s), 2 * len(live), 2 * len(live)), dtype=complex)
+        Z[:, len(live) :, len(live) :] = s[:, None, None] ** 2 * dJ + dK
+    if Z is not None:
+        force = -(Z @ lin.positions[at][..., None])[..., 0]
+        for k, j in enumerate(live.tolist()):
+            total = total + ports["motor", j] / scene.arm.N[k] * force[:, [k]]
+            total = total + ports["link", j] * force[:, [len(live) + k]]
+    arm = known(scene, p)
+    if kind.torque_gain is not Effect.torque_gain and (gain := effect.torque_gain(s, arm)) is not None:
+        for k, j in enumerate(live.tolist()):
+            total = total + ports["motor", j] * ((gain[:, j] - 1.0) * scene.tau[:, k])[:, None]
+    if kind.angle_gain is not Effect.angle_gain and (gain := effect.angle_gain(s, arm)) is not None:
+        for k, j in enumerate(live.tolist()):
+            total = total + ports["sensor", j] * ((gain[:, j] - 1.0) * scene.theta[:, k])[:, None]
+    return total
+
+
+def catalogue(lin: Linearised, taken: Sequence[Effect]) -> list[Candidate]:
+    """All effects of the catalogue that the fitted arm does not contain yet, at all joints, best first."""
+    there = {(e.name, e.joint) for e in taken}
+    found = []
+    for kind in CATALOGUE.values():
+        if not kind.injectable or (kind.declared and kind.shares is Effect.shares):
+            continue
+        places: list[int | None] = list(range(lin.problem.n)) if "joint" in kind.scope else []
+        places += [None] if "arm" in kind.scope and lin.problem.n > 1 else []
+        for joint in places:
+            if (kind.name, joint) not in there:
+                best = max(_scored(lin, kind, joint), key=lambda c: c.gain, default=None)
+                if best is not None:
+                    found.append(best)
+    return sorted(found, key=lambda c: -c.gain)
+
+
+def _scored(lin: Linearised, kind: type[Effect], joint: int | None) -> Iterator[Candidate]:
+    """One kind at one joint, for every combination of its plausible shapes."""
+    unit = units(lin, kind, joint)
+    names = [p.name for p in kind.parameters]
+    for values in _shapes(lin, kind, joint, unit):
+        try:
+            effect = kind(joint, tuple(values))
+            candidate = _sized(lin, effect, unit, names)
+        except (ArithmeticError, IdentError, np.linalg.LinAlgError, ValueError):
+            continue
+        if candidate is not None:
+            yield candidate
+
+
+def _shapes(lin: Linearised, kind: type[Effect], joint: int | None, unit: Sequence[float]) -> Iterator[list[float]]:
+    """Start values to try: the shapes' combinations, sizes at their first plausible value."""
+    options: list[tuple[float, ...]] = []
+    for p, u in zip(kind.parameters, unit, strict=True):
+        if p.name == "phase":
+            options.append((0.0,))
+        elif p.name == "order":
+            assert joint is not None
+            options.append(_orders(lin, kind, joint, unit))
+        elif p.name == "record":
+            options.append(tuple(float(k + 1) for k in range(1, len(lin.problem.data))))
+        elif p.zero is None:
+            options.append(tuple(u * size for size in p.sizes))
+        else:
+            options.append((u * p.sizes[0],) if p.linear or _one_of_two(kind) else tuple(u * x for x in p.sizes[:1]))
+    yield from (list(values) for values in product(*options))
+
+
+def _one_of_two(kind: type[Effect]) -> bool:
+    return len(kind.parameters) > 1
+
+
+def _orders(lin: Linearised, kind: type[Effect], joint: int, unit: Sequence[float]) -> tuple[float, ...]:
+    """The orders whose sine and cosine lie best along the residual, in the records where the joint moves most."""
+    own = [k for k, one in enumerate(lin.problem.data) if one.excited == joint]
+    names = [p.name for p in kind.parameters]
+    if not own or "phase" not in names:
+        return (1.0,)
+    amplitude = unit[names.index("amplitude")]
+    sensor = kind.reading is not Effect.reading
+    port = "sensor" if sensor else kind.port
+    scores = []
+    for order in ORDERS:
+        top = 0.0
+        bottom = 1e-300
+        for k in own:
+            scene, motion = lin.problem.data[k].scene, lin.motions[k]
+            wave = np.exp(1j * order * motion.theta[:, joint])
+            F = scene.at_lines(np.stack([wave.real, wave.imag], axis=1))
+            B = lin.ports[k][port, joint][:, :, None] * F[:, None, :]
+            b = (B.conj().reshape(-1, 2).T @ lin.r[k].ravel()).real
+            own_square = np.einsum("lmi,lmi->i", B.conj(), B).real
+            top += float(np.sum(b**2 / np.maximum(own_square, 1e-300)))
+            bottom += 1.0
+        scores.append(top / bottom)
+    del amplitude
+    best = np.argsort(scores)[::-1][:BEST_ORDERS]
+    return tuple(float(ORDERS[k]) for k in best)
+
+
+def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequence[str]) -> Candidate | None:
+    """The effect with the sizes that fit best to first order, shapes kept; None where none fits within the bounds."""
+    kind, values = type(effect), list(effect.values)
+    sizes = [k for k, p in enumerate(kind.parameters) if p.zero is not None]
+    columns, moved = [], []
+    if "phase" in names and "amplitude" in names:
+        a, f = names.index("amplitude"), names.index("phase")
+        for phase in (0.0, np.pi / 2):
+            trial = list(values)
+            trial[f] = phase
+            columns.append(added(lin, effect.with_values(_only(kind, trial, a, 1.0))))
+        c, gain = lin.step(columns)
+        values[f] = float(np.arctan2(c[1], c[0]))
+        values[a] *= float(np.hypot(*c))
+    elif sizes:
+        for k in sizes:
+            p = kind.parameters[k]
+            share = 1.0 if p.linear or p.name == "gap" else SMALL
+            size = values[k] if values[k] else unit[k] * max(abs(x) for x in p.sizes)
+            moved.append(size * share)
+            only = _only(kind, values, k, 1.0)
+            only[k] = size * share
+            columns.append(added(lin, effect.with_values(only)))
+        if all(column is None for one in columns for column in one):
+            return None
+        c, gain = lin.step(columns)
+        for k, factor, step in zip(sizes, c, moved, strict=True):
+            values[k] = float(factor * step)
+    else:
+        c, gain = lin.step([added(lin, effect)])
+        if not WITHIN[0] < c[0] < WITHIN[1]:
+            return None
+    scales = []
+    for k, (p, u) in enumerate(zip(kind.parameters, unit, strict=True)):
+        low, high = bounds(p, u)
+        if not low - 1e-12 * u <= values[k] <= high + 1e-12 * u:
+            if p.zero is None or len(sizes) < 2:
+                return None
+            values[k] = float(np.clip(values[k], low, high))
+        scales.append(max(abs(values[k]), 0.1 * abs(u * max(abs(x) for x in p.sizes)), 1e-12 * abs(u)))
+    return Candidate(effect.with_values(values), gain, tuple(scales)) if gain > 0.0 else None
+
+
+def _only(kind: type[Effect], values: Sequence[float], keep: int, share: float) -> list[float]:
+    """`values` with all sizes but one at zero, shapes kept."""
+    return [
+        v * share if k == keep else v if p.zero is None else p.zero
+        for k, (v, p) in enumerate(zip(values, kind.parameters, strict=True))
+    ]
+
+
+def bounds(parameter: Parameter, unit: float) -> tuple[float, float]:
+    """Lowest and highest value of a parameter whose unit is `unit`."""
+    return parameter.low * unit, parameter.high * unit
+
+
+def curves(lin: Linearised) -> list[Candidate]:
+    """Learned curves at every port of every joint, of every variable, best first."""
+    found = []
+    for joint in range(lin.problem.n):
+        for port in ("motor", "spring", "link"):
+            for name in VARIABLES:
+                if port == "spring" and name in ("torque", "friction"):
+                    continue  # the spring's torque is its deflection
+                candidate = _curve(lin, port, joint, name)
+                if candidate is not None:
+                    found.append(candidate)
+    return sorted(found, key=lambda c: -c.gain)
+
+
+def _curve(lin: Linearised, port: str, joint: int, name: str) -> Candidate | None:
+    """One learned curve, knots at quantiles of what the records cover."""
+    here = [variable(m.state(joint), port, name)[0] for m, one in zip(lin.motions, lin.problem.data, strict=True)
+            if joint in one.scene.arm.live]  # fmt: skip
+    if not here:
+        return None
+    x = np.concatenate(here)
+    low, high = np.quantile(x, [0.0, 1.0])
+    if not high > low:
+        return None
+    spread: Array = np.quantile(x, np.linspace(0.0, 1.0, KNOTS))
+    even = np.linspace(low, high, KNOTS)
+    knots = np.sort(0.5 * (spread + even))
+    if np.any(np.diff(knots) <= 1e-9 * (high - low)):
+        knots = even
+    kind = learned(port, name, knots.tolist())
+    columns = [added(lin, kind(joint, tuple(row))) for row in np.eye(KNOTS).tolist()]
+    if all(column is None for one in columns for column in one):
+        return None
+    heights, gain = lin.step(columns)
+    size = max(float(np.abs(heights).max()), 1e-300)
+    return Candidate(kind(joint, tuple(heights.tolist())), gain, (size,) * KNOTS) if gain > 0.0 else None

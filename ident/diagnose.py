@@ -1,0 +1,471 @@
+"""The loop: the residual of the declared arm, the port where it acts, the effect that makes it; added, refitted, judged.
+
+Three kinds of record keep it honest: the model is fitted on some, effects are chosen on others, errors are reported on
+the rest. Nothing here knows more than the campaign file: the declared robot, the catalogue, the records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.arm_fit import (
+    Evidence,
+    Minimum,
+    Problem,
+    chi_squared,
+    evidence,
+    gravity_basis,
+    minimise,
+    residual,
+    spectrum,
+    weights_at,
+)
+from ident.arm_model import Parameters
+from ident.campaign import Array, Campaign
+from ident.candidates import Candidate, bounds, catalogue, curves, units
+from ident.coupled import DOUBTS, declared_start, problem_of
+from ident.effects.base import Effect
+from ident.errors import IdentError
+from ident.frf import Complex, Frf, estimate
+from ident.trace import PORTS, Linearised, linearise
+from symgen.plan import Model
+
+#: Effects added at most.
+MOST_EFFECTS = 4
+#: Candidates of the catalogue refitted in each round, and learned curves.
+REFITTED, CURVES = 5, 2
+#: chi^2 per degree of freedom of a group of lines above which the arm is not explained, and the least of a group's degrees.
+DEPARTURE, LEAST_DOF = 3.0, 40
+#: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
+LEAST_GAIN, LEAST_SHARE = 40.0, 0.05
+#: A named effect is preferred to a learned curve that leaves at least this share of its excess.
+CURVE_SHARE = 0.5
+#: Effects whose chi^2 on the choosing records differ by less than this are not told apart.
+TIE = 12.0
+#: Bands [Hz] in which errors are told, as far as the records reach.
+EDGES = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Portion:
+    """Lines of a record that belong to one of the three kinds; `lines` [L] of its evidence."""
+
+    index: int
+    lines: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """Which records fit, choose and report; `note` says where the data did not reach for three different experiments."""
+
+    fit: tuple[Evidence, ...]
+    select: tuple[Evidence, ...]
+    report: tuple[Evidence, ...]
+    note: str
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Relative rms of theta - G tau over the excited lines: of all, per joint, per band; and what noise alone makes of it."""
+
+    all: float
+    per_joint: dict[str, float]
+    per_band: dict[str, float]
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """One effect that was added: `before` and `after` held-out errors; `gain` of chi^2 where it was chosen, of `excess`.
+
+    `rivals` are the next best, with the held-out error each leaves; `tied` those that these records do not tell apart.
+    `port_shares` is how much of the excess a free force at each (port, joint) would explain.
+    """
+
+    effect: Effect
+    std: tuple[float, ...]
+    before: float
+    after: float
+    gain: float
+    excess: float
+    rivals: tuple[tuple[Effect, float], ...]
+    tied: tuple[Effect, ...]
+    port_shares: tuple[tuple[str, int, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """A group of lines that stays unexplained: joint measured, band [Hz], kind of line, chi^2 per degree of freedom."""
+
+    joint: int
+    low: float
+    high: float
+    kind: str
+    level: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A fitted model: its effects, its minimum on the fit records, chi^2 on the choosing ones, and their weights."""
+
+    effects: tuple[Effect, ...]
+    scales: tuple[float, ...]
+    limits: tuple[tuple[float, float], ...]
+    minimum: Minimum
+    problem: Problem
+    select: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was found. `start` is the arm without effects, `end` with them; `status` as in the verdict format."""
+
+    campaign: Campaign
+    model: Model
+    responses: tuple[Frf, ...]
+    split: Split
+    start: State
+    end: State
+    added: tuple[Added, ...]
+    before: Errors
+    after: Errors
+    departures: tuple[Departure, ...]
+    status: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Bench:
+    """The tools of one diagnosis: how to make a problem of records and effects, and the weights of the choosing records."""
+
+    campaign: Campaign
+    model: Model
+    basis: Array
+    split: Split
+    guess: Parameters
+
+    def problem(
+        self, data: tuple[Evidence, ...], effects: Sequence[Effect], scales: Sequence[float], limits: Sequence[tuple[float, float]]
+    ) -> Problem:  # fmt: skip
+        problem = problem_of(self.campaign, self.model, self.basis, data, self.guess, effects, scales, limits)
+        whole = [p.whole for e in effects for p in e.parameters]
+        free = problem.free.copy()
+        free[problem.base :] = ~np.array(whole, dtype=bool) if whole else free[problem.base :]
+        return replace(problem, free=free)
+
+
+def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:
+    """Returns what explains the records of `campaign` beyond the declared arm `model`, errors before and after.
+
+    Raises IdentError for a campaign without usable records.
+    """
+    if not campaign.records:
+        raise IdentError("the campaign holds no records; expected at least one")
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    basis = gravity_basis(model, campaign.gravity)
+    data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
+    guess = declared_start(campaign, model, responses, basis)
+    bench = _Bench(campaign, model, basis, split(data, model), guess)
+    state = _first(bench)
+    start, added, seen = state, [], []
+    progress(f"the declared arm: chi2 {_excess(bench, state):.3g} in excess")
+    for _ in range(MOST_EFFECTS):
+        if not _departs(bench, state):
+            break
+        step = _round(bench, state, progress)
+        if step is None:
+            break
+        state, entry = step
+        state, entry = _pruned(bench, state, entry, progress)
+        added.append(entry)
+        seen.append(entry.effect.name)
+    kept = [a for a in added if any(_same(a.effect, e) for e in state.effects)]
+    final = tuple(
+        replace(a, effect=next(e for e in state.effects if _same(a.effect, e)), std=_std(state, a.effect)) for a in kept
+    )
+    before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
+    left = departures(bench, state)
+    status = "unexplained" if left else "effect-found" if final else "explained"
+    return Diagnosis(campaign, model, responses, bench.split, start, state, final, before, after, left, status)
+
+
+def _same(a: Effect, b: Effect) -> bool:
+    return (a.name, a.joint, a.port) == (b.name, b.joint, b.port)
+
+
+def split(data: tuple[Evidence, ...], model: Model) -> Split:
+    """Three kinds of record: of each joint's records in turn one reports, one chooses, the others fit, as far as they reach.
+
+    Every direction of J(q) that all records show must be shown by those that fit. With fewer records than three, lines
+    take the place of records: blocks of neighbouring ones by turns.
+    """
+    if len(data) < 3:
+        return _split_lines(data)
+    kinds = {k: "fit" for k in range(len(data))}
+    turn = 0
+    for joint in sorted({one.excited for one in data}):
+        own = [k for k, one in enumerate(data) if one.excited == joint]
+        for place in range(len(own) - 1, 0, -1):
+            if (len(own) - 1 - place) % 4 < 2 and len(own) > 1:
+                kinds[own[place]] = ("report", "select")[turn % 2]
+                turn += 1
+    kinds = _enough(data, model, kinds)
+    by_kind = {
+        kind: tuple(one for k, one in enumerate(data) if kinds[k] == kind) for kind in ("fit", "select", "report")
+    }
+    if not by_kind["select"] or not by_kind["report"]:
+        return _split_lines(data)
+    return Split(by_kind["fit"], by_kind["select"], by_kind["report"], "")
+
+
+def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> dict[int, str]:
+    """Moves records to those that fit until these show what all show."""
+    rows = [model.J_rows(one.scene.posture).reshape(-1, len(model.names)) for one in data]
+
+    def rank(which: Sequence[int]) -> int:
+        return int(np.linalg.matrix_rank(np.concatenate([rows[k] for k in which]), tol=1e-6)) if which else 0
+
+    wanted = rank(range(len(data)))
+    for k in sorted(kinds, key=lambda k: kinds[k] != "select"):
+        fitting = [j for j, kind in kinds.items() if kind == "fit"]
+        if rank(fitting) == wanted:
+            break
+        if kinds[k] != "fit" and rank([*fitting, k]) > rank(fitting):
+            kinds[k] = "fit"
+    return kinds
+
+
+def _split_lines(data: tuple[Evidence, ...]) -> Split:
+    """The last of several records chooses and reports, blocks of lines by turns; one record alone does all three."""
+    whole, last = data[:-1], data[-1]
+    block = np.cumsum(last.is_excited) // 8
+    if whole:
+        note = "too few records: choosing and reporting lines are blocks of the last record by turns"
+        return Split(whole, (lines_of(last, block % 2 == 0),), (lines_of(last, block % 2 == 1),), note)
+    note = "one record: fitting, choosing and reporting lines are blocks of it by turns"
+    parts = [(lines_of(last, block % 3 == k),) for k in range(3)]
+    return Split(parts[0], parts[1], parts[2], note)
+
+
+def lines_of(one: Evidence, use: NDArray[np.bool_]) -> Evidence:
+    """The same record, judged at some of its lines; its motion is still that of all."""
+    return replace(one, judged=use if one.judged is None else use & one.judged)
+
+
+def _first(bench: _Bench) -> State:
+    """The arm without effects: from what is declared, at once and by detours."""
+    states = [_fitted(bench, bench.guess.vector(), (), (), (), doubts) for doubts in ((), DOUBTS)]
+    return min(states, key=lambda s: s.minimum.chi2)
+
+
+def _fitted(
+    bench: _Bench, vector: Array, effects: tuple[Effect, ...], scales: tuple[float, ...],
+    limits: tuple[tuple[float, float], ...], doubts: Sequence[float] = (), outer: int = 2,
+) -> State:  # fmt: skip
+    problem = bench.problem(bench.split.fit, effects, scales, limits)
+    minimum = minimise(problem, vector, doubts, outer, roughly=True)
+    chosen = bench.problem(bench.split.select, effects, scales, limits)
+    select = chi_squared(chosen, minimum.vector, weights_at(chosen, minimum.vector))
+    return State(problem.effects_at(minimum.vector), scales, limits, minimum, problem, select)
+
+
+def degrees(data: Sequence[Evidence]) -> int:
+    """Real numbers measured at the lines judged."""
+    return sum(2 * one.scene.theta.shape[1] * one.count for one in data)
+
+
+def _excess(bench: _Bench, state: State) -> float:
+    """chi^2 per degree of freedom on the choosing records."""
+    return state.select / max(degrees(bench.split.select), 1)
+
+
+def _departs(bench: _Bench, state: State) -> bool:
+    """Whether anything but noise may be left, on the records that fit and choose."""
+    return bool(_groups(bench, state, bench.split.fit + bench.split.select)) or _excess(bench, state) > 1.1
+
+
+def _round(bench: _Bench, state: State, progress: Callable[[str], None]) -> tuple[State, Added] | None:
+    """The model with one effect more, if any earns it."""
+    weights = weights_at(state.problem, state.minimum.vector)
+    lin = linearise(state.problem, state.minimum.vector, weights)
+    shares = port_shares(lin)
+    found = catalogue(lin, state.effects)
+    short = found[:REFITTED] + curves(lin)[:CURVES]
+    tried: list[tuple[Candidate, State]] = []
+    for candidate in short:
+        new = _with(bench, state, candidate, lin)
+        tried.append((candidate, new))
+        progress(f"  {_name(candidate.effect)}: {_excess(bench, new):.4g}, promised {candidate.gain:.3g}")
+    dof = degrees(bench.split.select)
+    excess = max(state.select - dof, 1.0)
+    named = [pair for pair in tried if pair[0].effect.name != "unknown"]
+    drawn = [pair for pair in tried if pair[0].effect.name == "unknown"]
+    best = min(named, key=lambda pair: pair[1].select, default=None)
+    curve = min(drawn, key=lambda pair: pair[1].select, default=None)
+    if best is None or (
+        curve is not None and curve[1].select - dof < CURVE_SHARE * (best[1].select - dof) - LEAST_GAIN
+    ):
+        best = curve
+    if best is None:
+        return None
+    gain = state.select - best[1].select
+    if gain < max(LEAST_GAIN, LEAST_SHARE * excess):
+        return None
+    report = bench.split.report
+    rivals = sorted((pair for pair in tried if pair is not best), key=lambda pair: pair[1].select)
+    entry = Added(
+        effect=best[1].effects[-1],
+        std=(),
+        before=errors(bench, state, report).all,
+        after=errors(bench, best[1], report).all,
+        gain=gain,
+        excess=excess,
+        rivals=tuple((pair[1].effects[-1], errors(bench, pair[1], report).all) for pair in rivals[:3]),
+        tied=tuple(
+            pair[1].effects[-1] for pair in rivals
+            if pair[1].select < best[1].select + TIE and pair[0].effect.name != "unknown"
+        ),
+        port_shares=shares,
+    )  # fmt: skip
+    return best[1], entry
+
+
+def _with(bench: _Bench, state: State, candidate: Candidate, lin: Linearised) -> State:
+    """The model refitted with a candidate."""
+    effects = (*state.effects, candidate.effect)
+    unit = units(lin, type(candidate.effect), candidate.effect.joint)
+    limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
+    vector = np.concatenate([state.minimum.vector, candidate.effect.values])
+    scales, limits = state.scales + candidate.scales, state.limits + limits
+    return _fitted(bench, vector, effects, scales, limits)
+
+
+def _pruned(bench: _Bench, state: State, entry: Added, progress: Callable[[str], None]) -> tuple[State, Added]:
+    """The model without those earlier effects that the new one has made superfluous."""
+    for old in state.effects[:-1]:
+        keep = [k for k, e in enumerate(state.effects) if not _same(e, old)]
+        slots = np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects])[:-1])
+        use = np.concatenate([slots[k] for k in keep]) if keep else np.zeros(0, dtype=int)
+        base = state.problem.base
+        vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][use]])
+        less = _fitted(
+            bench, vector, tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use),
+            tuple(state.limits[k] for k in use),
+        )  # fmt: skip
+        if less.select < state.select + LEAST_GAIN:
+            progress(f"  without {_name(old)} as well: {_excess(bench, less):.4g}")
+            state = less
+    return state, entry
+
+
+def _std(state: State, effect: Effect) -> tuple[float, ...]:
+    """Standard deviations of an effect's values."""
+    values, vectors, seen = spectrum(state.minimum.information)
+    lifted = np.where(seen, values, np.inf)
+    deviation = np.sqrt(np.einsum("ik,k,ik->i", vectors, 1.0 / lifted, vectors)) * state.problem.scale
+    k = state.problem.base
+    for e in state.effects:
+        if _same(e, effect):
+            return tuple(deviation[k : k + len(e.values)].tolist())
+        k += len(e.values)
+    return ()
+
+
+def port_shares(lin: Linearised) -> tuple[tuple[str, int, float], ...]:
+    """How much of what is in excess of noise a free force at each (port, joint) explains, largest first.
+
+    One complex number a line for every port: each takes 2 of its 2 m degrees of freedom. 1 means that all of the residual
+    points where that port pushes.
+    """
+    left: dict[tuple[str, int], float] = {}
+    total = 0.0
+    for one, r, ports in zip(lin.problem.data, lin.r, lin.ports, strict=True):
+        use = one.use
+        total += 2.0 * float(np.sum(np.abs(r[use]) ** 2)) - 2.0 * r[use].size
+        for key, a in ports.items():
+            along = np.abs(np.sum(a.conj() * r, axis=1)) ** 2 / np.maximum(np.sum(np.abs(a) ** 2, axis=1), 1e-300)
+            left[key] = left.get(key, 0.0) + 2.0 * float(np.sum(along[use])) - 2.0 * int(use.sum())
+    shares = [(port, joint, value / max(total, 1e-300)) for (port, joint), value in left.items() if port in PORTS]
+    return tuple(sorted(shares, key=lambda share: -share[2]))
+
+
+def errors(bench: _Bench, state: State, data: Sequence[Evidence]) -> Errors:
+    """Relative rms errors of the excited joint's angle at the excited lines of `data`."""
+    problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
+    weights = weights_at(problem, state.minimum.vector)
+    squares: list[tuple[int, Array, Array, Array]] = []
+    for one, W in zip(data, weights, strict=True):
+        r = residual(problem, state.minimum.vector, one)[0]
+        k = int(np.flatnonzero(one.scene.arm.live == one.excited)[0])
+        use = one.is_excited & one.use
+        size = np.maximum(np.abs(one.scene.theta[use, k]) ** 2, 1e-300)
+        inverse = np.linalg.inv(W[use])
+        variance = np.sum(np.abs(inverse[:, k]) ** 2, axis=1)
+        squares.append((one.excited, one.sampling.f[use], np.abs(r[use, k]) ** 2 / size, variance / size))
+    joints = np.concatenate([np.full(len(f), j) for j, f, _, _ in squares])
+    f, error, noise = (np.concatenate([row[k] for row in squares]) for k in (1, 2, 3))
+
+    def rms(values: Array) -> float:
+        return float(np.sqrt(values.mean()))
+
+    names = bench.campaign.joints
+    return Errors(
+        rms(error),
+        {names[j]: rms(error[joints == j]) for j in np.unique(joints).tolist()},
+        {f"{a:g}-{b:g} Hz": rms(error[(f >= a) & (f < b)]) for a, b in pairwise(EDGES)
+         if np.any((f >= a) & (f < b))},
+        rms(noise),
+    )  # fmt: skip
+
+
+def _groups(
+    bench: _Bench, state: State, data: Sequence[Evidence]
+) -> list[tuple[int, int, float, float, str, float, float]]:
+    """Groups of lines beyond `DEPARTURE`: (record, joint, low, high, kind, level, chi^2 in excess)."""
+    problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
+    weights = weights_at(problem, state.minimum.vector)
+    found = []
+    for one, W in zip(data, weights, strict=True):
+        r = residual(problem, state.minimum.vector, one)[0]
+        power = 2.0 * np.abs((W @ r[..., None])[..., 0]) ** 2
+        odd = one.scene.lines % 2 == 1
+        kinds = {"excited": one.is_excited, "odd": odd & ~one.is_excited, "even": ~odd & ~one.is_excited}
+        f = one.sampling.f
+        for low, high in pairwise(EDGES):
+            for kind, which in kinds.items():
+                use = which & one.use & (f >= low) & (f < high)
+                if 2 * int(use.sum()) < LEAST_DOF:
+                    continue
+                for k, joint in enumerate(one.scene.arm.live.tolist()):
+                    level = float(power[use, k].mean() / 2.0)
+                    if level > DEPARTURE:
+                        found.append((one.index, joint, low, high, kind, level, float(power[use, k].sum())))
+    return found
+
+
+def departures(bench: _Bench, state: State) -> tuple[Departure, ...]:
+    """What stays unexplained on the choosing and reporting records: joints, bands and kinds of line, largest share first."""
+    data = bench.split.select + bench.split.report
+    groups = _groups(bench, state, data)
+    total = sum(group[6] for group in groups)
+    merged: dict[tuple[int, float, float, str], list[float]] = {}
+    for _, joint, low, high, kind, level, power in groups:
+        entry = merged.setdefault((joint, low, high, kind), [0.0, 0.0])
+        entry[0], entry[1] = max(entry[0], level), entry[1] + power
+    rows = [
+        Departure(j, low, high, kind, level, power / total) for (j, low, high, kind), (level, power) in merged.items()
+    ]
+    return tuple(sorted(rows, key=lambda d: -d.share))
+
+
+def _name(effect: Effect) -> str:
+    place = "" if effect.joint is None else f" at joint {effect.joint + 1}"
+    return f"{effect.name}{place} {[float(f'{v:.4g}') for v in effect.values][:4]}"
+
+
+Record = Complex

@@ -1,0 +1,152 @@
+"""Where a residual acts, and what could make it: the residual of a fit, linearised, against every port and candidate.
+
+A force at one port moves all measured motors in one known direction at each frequency, whatever its law is: so the port
+can be found before the effect. A candidate is scored with everything else refitted (one Gauss-Newton step of all
+parameters), never by correlation alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.acting import linear_extra, motion_of
+from ident.arm_fit import Problem, in_record, residual
+from ident.arm_model import transfer
+from ident.campaign import Array
+from ident.effects.base import Motion
+from ident.frf import Complex
+
+#: Ports at which one signal acts on one joint.
+PORTS = ("motor", "spring", "link", "sensor")
+#: Relative ridge of a Gauss-Newton step: directions weaker than this are left alone.
+RIDGE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A fit about `vector`, all whitened: residuals [one a record: L, m], Jacobians [L, m, C] with their columns [C], of the
+    free parameters in units of `scale`. `W` [one a record: L, m, m]."""
+
+    problem: Problem
+    vector: Array
+    W: tuple[Complex, ...]
+    r: tuple[Complex, ...]
+    A: tuple[Complex, ...]
+    columns: tuple[NDArray[np.int64], ...]
+
+    @cached_property
+    def information(self) -> Array:
+        """Of all records [P, P]."""
+        return np.asarray(sum(self.blocks[0]))
+
+    @cached_property
+    def slope(self) -> Array:
+        """Half the gradient of chi^2 [P]."""
+        return np.asarray(sum(self.blocks[1]))
+
+    @cached_property
+    def blocks(self) -> tuple[list[Array], list[Array]]:
+        """Information [P, P] and slope [P] of each record."""
+        P = len(self.vector)
+        matrices, slopes = [], []
+        for r, A, columns in zip(self.r, self.A, self.columns, strict=True):
+            matrix, slope = np.zeros((P, P)), np.zeros(P)
+            flat = A.reshape(-1, len(columns))
+            real = np.concatenate([flat.real, flat.imag])
+            matrix[np.ix_(columns, columns)] = 2.0 * (real.T @ real)
+            slope[columns] = 2.0 * (flat.conj().T @ r.ravel()).real
+            matrices.append(matrix)
+            slopes.append(slope)
+        return matrices, slopes
+
+    @cached_property
+    def chi2(self) -> float:
+        return 2.0 * sum(float(np.vdot(r, r).real) for r in self.r)
+
+    @cached_property
+    def motions(self) -> tuple[Motion, ...]:
+        """How the arm moved in each record."""
+        effects = self.problem.effects_at(self.vector)
+        p = self.problem.parameters(self.vector)
+        return tuple(
+            motion_of(self.problem.scene(one, effects), in_record(p, effects, one.index), effects)
+            for one in self.problem.data
+        )
+
+    @cached_property
+    def positions(self) -> tuple[Complex, ...]:
+        """(theta / N, q) of the live joints at the lines of each record [L, 2m]."""
+        found = []
+        for one, motion in zip(self.problem.data, self.motions, strict=True):
+            live = one.scene.arm.live
+            signals = np.concatenate([motion.theta[:, live] / motion.N[live], motion.q[:, live]], axis=1)
+            found.append(one.scene.at_lines(signals))
+        return tuple(found)
+
+    @cached_property
+    def ports(self) -> tuple[dict[tuple[str, int], Complex], ...]:
+        """For each record: what a unit signal at a port of a joint does to all whitened angles [L, m]."""
+        effects, p = self.problem.effects_at(self.vector), self.problem.parameters(self.vector)
+        found = []
+        for one, W in zip(self.problem.data, self.W, strict=True):
+            scene = self.problem.scene(one, effects)
+            extra = linear_extra(scene, p, effects)
+            on_motor, on_link = transfer(scene.arm, in_record(p, effects, one.index), scene.s, extra)
+            # [L, m (angle), m (joint)], joint side; a motor's own torque counts N times
+            by_port = {
+                "motor": on_motor * scene.arm.N,
+                "spring": on_link - on_motor,
+                "link": on_link,
+                "sensor": np.broadcast_to(np.eye(len(scene.arm.live)), on_motor.shape),
+            }
+            live = scene.arm.live.tolist()
+            found.append({
+                (port, j): (W @ column[:, :, [k]])[..., 0] for port, column in by_port.items() for k, j in enumerate(live)
+            })  # fmt: skip
+        return tuple(found)
+
+    def step(self, columns: Sequence[Sequence[Complex | None]]) -> tuple[Array, float]:
+        """Returns how large each new column wants to be, all free parameters refitted, and by how much chi^2 falls.
+
+        A column is what one unit of a parameter adds to the whitened prediction: an array [L, m] a record, None: nothing.
+        """
+        k, free = len(columns), np.flatnonzero(self.problem.free)
+        X, own, b = np.zeros((len(self.vector), k)), np.zeros((k, k)), np.zeros(k)
+        for at, (r, A, where) in enumerate(zip(self.r, self.A, self.columns, strict=True)):
+            here = [i for i in range(k) if columns[i][at] is not None]
+            if not here:
+                continue
+            B = np.stack([np.ravel(np.asarray(columns[i][at])) for i in here], axis=1)
+            X[np.ix_(where, np.array(here))] += 2.0 * (A.reshape(-1, len(where)).conj().T @ B).real
+            own[np.ix_(np.array(here), np.array(here))] += 2.0 * (B.conj().T @ B).real
+            b[here] += 2.0 * (B.conj().T @ r.ravel()).real
+        H, g, X = self.information[np.ix_(free, free)], self.slope[free], X[free]
+        size = np.sqrt(np.maximum(np.diag(H), 1e-300))
+        solved = np.linalg.solve(
+            H / size / size[:, None] + RIDGE * np.eye(len(free)), np.column_stack([X, g]) / size[:, None]
+        )
+        left = own - (X / size[:, None]).T @ solved[:, :k]
+        b = b - (X / size[:, None]).T @ solved[:, k]
+        unit = np.sqrt(
+            np.maximum(np.diag(own), 1e-300)
+        )  # by its own size: what the other parameters do as well is nothing
+        sizes = np.linalg.pinv(left / unit / unit[:, None], rcond=1e-6, hermitian=True) @ (b / unit) / unit
+        return sizes, float(b @ sizes)
+
+
+def linearise(problem: Problem, vector: Array, weights: Sequence[Complex]) -> Linearised:
+    """The fit about `vector` with its whitening matrices."""
+    r, A, columns = [], [], []
+    for one, W in zip(problem.data, weights, strict=True):
+        residuals, slopes, where = residual(problem, vector, one, derive=True)
+        use = problem.free[where]
+        where = where[use]
+        r.append((W @ residuals[..., None])[..., 0])
+        A.append(W @ (slopes[:, :, use] * problem.scale[where]))
+        columns.append(where)
+    return Linearised(problem, vector, tuple(weights), tuple(r), tuple(A), tuple(columns))
