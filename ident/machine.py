@@ -65,7 +65,10 @@ class Machine:
         self._rest = [state.theta for state in arm.states]
         self._driven = [effect for effect in arm.effects if effect.driven(self._states, self._rest)]
         self._ports, self._memories = _ports(arm, self._states)
+        acting = {law.joint for law in arm.laws}
+        self._moving = [(k, joint) for k, joint in enumerate(arm.live) if self._driven or joint.index in acting]
         self._W: list[list[float]] = []
+        self._away = np.zeros(2 * model.nv + len(arm.live))
         self._done = 0
         self._last: list[float] = preload
         self._moments = [(k, *_moment(joint.late, Ts, steps)) for k, joint in enumerate(arm.live) if joint.late]
@@ -96,23 +99,30 @@ class Machine:
         for k, line in self._lines:
             line.push(command[k])
         direct = [a + b for a, b in zip(command, disturbance, strict=True)]
-        away, mean = np.concatenate([data.qpos - self._arm.plant.qpos, data.qvel]), np.zeros(len(direct))
+        away = self._away
+        away[: model.nv] = data.qpos - self._arm.plant.qpos
+        away[model.nv : 2 * model.nv] = data.qvel
         if self._ports and self._done % REFRESH == 0:
             self._share()
         self._done += 1
-        if not (self._lines or self._ports or self._driven or self._moments):
+        if not self._lines:
             data.ctrl[:] = direct
-            mean += direct
+            away[2 * model.nv :] = data.ctrl - self._ctrl
+        if not (self._lines or self._ports or self._driven or self._moments):
             mujoco.mj_step(model, data, self._steps)
         else:
+            mean = np.zeros(len(direct))
             for j in range(self._steps):
-                for k, line in self._lines:
-                    direct[k] = line.mean(j) + disturbance[k]
-                data.ctrl[:] = direct
-                mean += np.array(direct) / self._steps
+                if self._lines:
+                    for k, line in self._lines:
+                        direct[k] = line.mean(j) + disturbance[k]
+                    data.ctrl[:] = direct
+                    mean += data.ctrl
                 self._step(j)
+            if self._lines:
+                away[2 * model.nv :] = mean / self._steps - self._ctrl
         if self._lacking is not None:
-            missing = self._lacking @ np.concatenate([away, mean - self._ctrl])
+            missing = self._lacking @ away
             data.qpos[:] += missing[: model.nv]
             data.qvel[:] += missing[model.nv :]
 
@@ -166,7 +176,7 @@ class Machine:
         """Puts the motion in the middle of the next step into the states, as far as it is foreseen without the laws."""
         h = self._h
         ctrl = self._data.ctrl.tolist()
-        for k, joint in enumerate(self._live):
+        for k, joint in self._moving:
             state, i, j, N = self._states[joint.index], joint.motor, joint.spring, joint.drive.N
             motor, spring = (x[d] + 0.5 * h * v[d] + 0.125 * h * h * a[d] for d in (i, j))
             w, s = v[i] + 0.5 * h * a[i], v[j] + 0.5 * h * a[j]
