@@ -30,8 +30,8 @@ _LEAST_PART = 0.3
 #: A combination of constants that postures show less than this, relative to the one they show best, is not measurable.
 _SEEN = 1e-6
 
-#: A column below this part of the magnitudes behind it is rounding.
-_ROUNDING = 1e-12
+#: A column counts in full down to this part of the magnitudes behind it; rounding, 1e-15 of them, is then not `_SEEN`.
+_IN_FULL = 1e-8
 
 #: Power of det(F' F)^(1/d) for one of the worst amplification: what is good for all constants, and for J_ii(q).
 _DET_POWER = 3
@@ -204,7 +204,7 @@ def _rank(rows: Rows, cells: Cells) -> int:
     if not len(cells):
         return 0
     F = rows.of_cells(cells)
-    scale = np.maximum(np.linalg.norm(F, axis=0), _ROUNDING * rows.sizes(cells))
+    scale = np.maximum(np.linalg.norm(F, axis=0), _IN_FULL * rows.sizes(cells))
     values = np.linalg.svd(F / np.maximum(scale, 1e-300), compute_uv=False)
     return int((values > _SEEN * values[0]).sum())
 
