@@ -39,7 +39,7 @@ RANGES: Mapping[str, Mapping[str, tuple[object, ...]]] = {
     "transmission-error": {"amplitude": (0.05, 0.3), "order": ("one of", 1, 2, 4), "phase": ("+-", 0.1, 3.1)},
     "link-viscous": {"damping": (0.03, 0.2)},
     "link-coulomb": {"level": (0.03, 0.2)},
-    "load-dependent-friction": {"share": (0.03, 0.15)},
+    "load-dependent-friction": {"share": (0.05, 0.3)},
     "cable-stiffness": {"stiffness": (0.002, 0.01)},
     "payload": {"mass": (0.1, 0.5), "offset": (0.05, 0.2)},
     "inertial-parameters": {"mass": ("+-", 0.05, 0.3)},
@@ -55,6 +55,8 @@ RANGES: Mapping[str, Mapping[str, tuple[object, ...]]] = {
 }
 #: Seen only by a motor that gives a constant torque; a shift of rest that no line shows.
 SILENT = ("torque-offset",)
+#: What depends on all that a spring carries, gravity included.
+LOADED = ("spring-hardening", "load-dependent-friction")
 #: What a rigid lock is needed for.
 RIGID = ("locked-joint-elasticity",)
 
@@ -68,26 +70,42 @@ class Draw:
 
 
 def draw(
-    rng: np.random.Generator, name: str, joint: int, chain: Chain, robot: Robot, scales: Mapping[str, Mapping[str, float]], records: int
+    rng: np.random.Generator,
+    name: str,
+    joint: int,
+    chain: Chain,
+    robot: Robot,
+    scales: Mapping[str, Mapping[str, float]],
+    records: int,
 ) -> Draw:
     """An effect of the catalogue at a joint (from 0), the sizes as in `RANGES`; `records` how many the campaign has."""
     cls = CATALOGUE[name]
     at = None if cls.scope == ("arm",) else joint
     if cls is MotorCoupling and joint == chain.n - 1:
         at = joint - 1
-    unit = scales["link" if cls.port in ("structure", "sensor") else cls.port]
+    unit = scales["loaded" if name in LOADED else "link" if cls.port in ("structure", "sensor") else cls.port]
+    share = scales["loaded"]["torque"] if name == "load-dependent-friction" else 1.0
     values = {}
     for p in cls.parameters:
         if p.name in RANGES[name]:
-            values[p.name] = _drawn(rng, RANGES[name][p.name]) * scale(p.relative, unit)
+            values[p.name] = _drawn(rng, RANGES[name][p.name]) * scale(p.relative, unit) * share
     if name == "change-between-records":
         values["record"] = float(rng.integers(2, max(3, records)))
     effect = cls.of(at, values)
-    return Draw(effect, f"{name}@{'arm' if at is None else chain.names[at]}: {dict(zip([p.name for p in cls.parameters], effect.values, strict=True))}")
+    return Draw(
+        effect,
+        f"{name}@{'arm' if at is None else chain.names[at]}: {dict(zip([p.name for p in cls.parameters], effect.values, strict=True))}",
+    )
 
 
 def draws(
-    rng: np.random.Generator, count: int, chain: Chain, robot: Robot, cells: Sequence[tuple[str, np.ndarray]], *, lock: str = "dob"
+    rng: np.random.Generator,
+    count: int,
+    chain: Chain,
+    robot: Robot,
+    cells: Sequence[tuple[str, np.ndarray]],
+    *,
+    lock: str = "dob",
 ) -> list[Draw]:
     """`count` effects over all of the catalogue by turns, at random joints that `cells` excite and that can show them."""
     names = [name for name in RANGES if name not in SILENT and (lock == "rigid" or name not in RIGID)]
@@ -105,8 +123,13 @@ def draws(
     return found
 
 
-def scales(chain: Chain, robot: Robot, joint: int, posture: np.ndarray, *, lock: str = "dob") -> dict[str, dict[str, float]]:
-    """{port: {unit of a relative parameter: its size}} at a joint, from one clean record that excites it."""
+def scales(
+    chain: Chain, robot: Robot, joint: int, posture: np.ndarray, *, lock: str = "dob"
+) -> dict[str, dict[str, float]]:
+    """{port: {unit of a relative parameter: its size}} at a joint, from one clean record that excites it.
+
+    "loaded" is the spring with gravity in it: its whole angle, and the dynamic share of its torque.
+    """
     e = robot.experiment
     short = replace(robot, experiment=replace(e, f0=max(e.f0, 0.5), band=(max(e.band[0], 0.5), e.band[1]), periods=3))
     (record,) = simulate(chain, short, [(chain.names[joint], posture)], lock=lock, workers=1).records
@@ -118,11 +141,14 @@ def scales(chain: Chain, robot: Robot, joint: int, posture: np.ndarray, *, lock:
     x_rate = derivatives(x, e.fs, record)[0]
     rms = lambda v: float(np.std(v))  # noqa: E731
     J_link = rms(spring) / max(rms(derivatives(theta[:, joint] / drive.N - x, e.fs, record)[1]), 1e-300)
+    load = float(np.mean(spring)) / drive.K
+    whole = float(np.hypot(rms(x), load))
     common = {"K": drive.K, "mass": chain.joints[-1].inertia.mass}
     at = {"torque": rms(spring), "J": J_link, "damping": drive.D_spring}
     return {
         "motor": common | {"torque": rms(tau[:, joint]), "angle": rms(theta[:, joint]), "rate": rms(omega), "J": drive.J_m, "damping": drive.D},
         "spring": common | at | {"angle": rms(x), "rate": rms(x_rate)},
+        "loaded": common | {"angle": whole, "torque": rms(x) / whole},
         "link": common | at | {"angle": rms(theta[:, joint] / drive.N - x), "rate": rms(omega / drive.N - x_rate)},
     }  # fmt: skip
 
@@ -155,4 +181,7 @@ def _unloaded(chain: Chain, robot: Robot, joint: int) -> bool:
     for one in chain.joints[: joint + 1]:
         R = R @ one.R  # axes of the joints before are along gravity, too, or this one is loaded somewhere
     axis, g = R @ chain.joints[joint].axis, np.asarray(robot.gravity)
-    return bool(np.linalg.norm(np.cross(axis, g)) < 1e-6 and all(np.allclose(np.abs(j.axis @ chain.joints[0].axis), 1) for j in chain.joints[:joint]))
+    return bool(
+        np.linalg.norm(np.cross(axis, g)) < 1e-6
+        and all(np.allclose(np.abs(j.axis @ chain.joints[0].axis), 1) for j in chain.joints[:joint])
+    )

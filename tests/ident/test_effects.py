@@ -1,0 +1,265 @@
+"""The catalogue: complete, of one mind about signs and units, refusing in one line; its impedances are those of bodies."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ident.effects.base import PORTS, SCALES, Effect, Known, Law, Motion, scale
+from ident.effects.catalogue import CATALOGUE, parse, truth
+from ident.effects.hysteresis import MotorHysteresis
+from ident.effects.impedance import coupling, twists
+from ident.errors import IdentError
+from symgen.robot import load_robot
+from symgen.urdf import load_chain
+
+ROBOTS = Path(__file__).parents[2] / "robots"
+ROBOT = load_robot(ROBOTS / "ypp3")
+N = 100.0
+FORMAT = {
+    "motor": "motor-viscous motor-coulomb motor-stribeck motor-quadratic-drag motor-hysteresis motor-inertia torque-ripple "
+    "torque-scale torque-offset torque-lag input-delay motor-coupling",
+    "spring": "spring-damping spring-hardening backlash transmission-error",
+    "link": "link-viscous link-coulomb cable-stiffness payload inertial-parameters gravity-stiffness",
+    "sensor": "joint-zero-offset time-offset encoder-eccentricity",
+    "structure": "locked-joint-elasticity base-compliance link-flexibility attached-resonator rigid-body-coupling",
+}
+
+
+def test_every_name_of_the_format_is_there() -> None:
+    for port, names in FORMAT.items():
+        assert {CATALOGUE[name].port for name in names.split()} == {port}
+    assert {"load-dependent-friction", "change-between-records"} < set(CATALOGUE)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_parameters_are_sound(name: str) -> None:
+    cls = CATALOGUE[name]
+    assert cls.name == name and cls.port in PORTS and cls.__doc__
+    scales = dict.fromkeys(SCALES, 2.0)
+    for p in cls.parameters:
+        assert p.low < p.high and p.sizes
+        assert all(p.low <= size <= p.high for size in p.sizes), p
+        assert scale(p.relative, scales) > 0
+        assert p.zero is None or p.low <= p.zero <= p.high
+    effect = cls.of(0, {})
+    assert effect.with_values(effect.values) == effect
+
+
+def test_a_scale_is_a_product() -> None:
+    scales = {"torque": 3.0, "rate": 2.0, "K": 8.0, "angle": 0.5}
+    assert scale("", scales) == 1.0
+    assert scale("torque/rate^2", scales) == 0.75
+    assert scale("K/angle^2", scales) == 32.0
+
+
+def motion(amplitude: float = 0.5, harmonics: int = 3) -> Motion:
+    """One joint at rest at 0.3 rad, swinging, over a period of a second."""
+    t = np.arange(4000) / 4000
+    w = 2 * np.pi * harmonics
+    one = np.ones_like(t)
+    theta, omega = amplitude * np.sin(w * t), amplitude * w * np.cos(w * t)
+    x, x_rate = 1e-3 * np.sin(w * t + 1), 1e-3 * w * np.cos(w * t + 1)
+    columns = (theta + 30.0, omega, 0.01 * one, 0.3 + theta / N - x, omega / N - x_rate, x, x_rate, 5000.0 * x + 2.0)
+    return Motion(1 / 4000, np.array([N]), *(c[:, None] for c in columns))
+
+
+LAWS = [name for name, cls in CATALOGUE.items() if issubclass(cls, Law)]
+DISSIPATIVE = [
+    "motor-coulomb",
+    "motor-stribeck",
+    "motor-quadratic-drag",
+    "load-dependent-friction",
+    "link-coulomb",
+    "link-viscous",
+]
+CONSERVATIVE = ["torque-ripple", "torque-offset", "spring-hardening", "backlash", "cable-stiffness"]
+
+
+@pytest.mark.parametrize("name", [name for name in LAWS if name != "motor-hysteresis"])
+def test_a_law_is_one_function_of_arrays_and_of_floats(name: str) -> None:
+    law = CATALOGUE[name].of(0, {})
+    state = motion().state(0)
+    together = np.broadcast_to(law.law(state), (4000,))
+    for k in (0, 1, 1234):
+        one = replace(state, **{f: float(getattr(state, f)[k]) for f in list(state.__slots__)[:8]})
+        assert float(law.law(one)) == pytest.approx(together[k], rel=1e-12)
+
+
+def work(name: str) -> float:
+    """What the law gives in a period [J], relative to what it moves."""
+    law, moved = CATALOGUE[name].of(0, {}), motion()
+    assert isinstance(law, Law)
+    force = np.broadcast_to(law.law(moved.state(0)), (4000,))
+    rate = moved.state(0).at(law.port)[1]
+    return float(np.sum(force * rate) / np.sum(np.abs(force * rate)))
+
+
+@pytest.mark.parametrize("name", DISSIPATIVE)
+def test_friction_only_ever_takes(name: str) -> None:
+    assert work(name) == pytest.approx(-1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", CONSERVATIVE)
+def test_what_depends_on_the_position_gives_back_what_it_took(name: str) -> None:
+    assert abs(work(name)) < 1e-9
+
+
+def test_the_teeth_give_back_what_they_took_at_spring_and_motor_together() -> None:
+    law = CATALOGUE["transmission-error"].of(0, {"amplitude": 1e-3, "order": 3.0, "phase": 0.4})
+    moved = motion()
+    state = moved.state(0)
+    at_spring = -law.law(state) * state.deflection_rate  # a torque of the spring is against its winding
+    ((port, joint, at_motor),) = law.loads([state])
+    assert (port, joint) == ("motor", 0)
+    # the spring's linear torque does work on the error, too, which the motor's load takes
+    total = at_spring + at_motor * state.omega
+    assert abs(total.sum()) < 1e-9 * np.abs(at_spring).sum()
+
+
+def test_hysteresis_is_a_loop_of_dahl() -> None:
+    """Large swings: a loop of height 2 level, area 4 level amplitude less the rounded corners; small ones: a spring."""
+    law = MotorHysteresis(0, (0.02, 0.01))
+    force = law.force(motion(5.0))
+    assert np.abs(force).max() == pytest.approx(0.02, rel=1e-6)
+    lost = -float(np.sum(force * motion(5.0).omega[:, 0]) / 4000) / 3
+    # from -level to level the force lags by the integral of 2 exp(-x/distance): 2 distance, at both turns
+    assert lost == pytest.approx(0.02 * (4 * 5.0 - 2 * 2 * 0.01 * 1.0), rel=2e-3)
+    small = motion(1e-5)
+    stiffness = -law.force(small) @ (small.theta[:, 0] - 30) / np.sum((small.theta[:, 0] - 30) ** 2)
+    assert stiffness == pytest.approx(0.02 / 0.01, rel=1e-2)
+    start, remember = law.start()
+    state = motion().state(0)
+    found = []
+    for theta in np.tile(motion(5.0).theta[:, 0], 2).tolist():
+        state.theta = theta
+        found.append(start(state))
+        remember(state)
+    assert np.abs(np.array(found[4000:]) - force).max() < 1e-9, "steady from the second period on"
+
+
+def known(name: str, q: np.ndarray) -> tuple[Known, pin.Model, pin.Data]:
+    robot = load_robot(ROBOTS / name)
+    chain = load_chain(robot.urdf)
+    model = pin.buildModelFromUrdf(str(robot.urdf))
+    data = model.createData()
+    J = pin.crba(model, data, q)
+    J = np.triu(J) + np.triu(J, 1).T
+    k = {f: np.array([getattr(robot.drive(j), f) for j in chain.names]) for f in ("N", "K", "J_m", "D", "D_spring")}
+    return Known(**k, J=J, posture=q, fs=1000.0, chain=chain), model, data
+
+
+@pytest.mark.parametrize("name", ["ypp3", "arm6"])
+def test_geometry_is_pinocchios(name: str) -> None:
+    n = len(load_robot(ROBOTS / name).drives)
+    q = np.random.default_rng(5).uniform(-1, 1, n)
+    arm, model, data = known(name, q)
+    assert arm.chain is not None
+    axes = twists(arm.chain, q)[0]
+    C, _ = coupling(arm.chain, q, axes)  # every joint's own motion, but carrying all links: only the first row is J's
+    assert C[0] == pytest.approx(arm.J[0], rel=1e-9, abs=1e-12)
+    for i in range(n):
+        C, own = coupling(arm.chain, q, axes[[i]], i)
+        assert C[0] == pytest.approx(arm.J[i], rel=1e-9, abs=1e-10)
+        assert own[0, 0] == pytest.approx(arm.J[i, i], rel=1e-9)
+    # the base: what pin's free-flyer would feel, about the base's origin
+    C, own = coupling(arm.chain, q, np.hstack([np.zeros((3, 3)), np.eye(3)]))
+    pin.centerOfMass(model, data, q)
+    pin.ccrba(model, data, q, np.zeros(n))
+    assert data.oMi[0].translation == pytest.approx(np.zeros(3))
+    momentum = data.Ag[3:] + np.cross(data.com[0], data.Ag[:3].T).T
+    assert C == pytest.approx(momentum, rel=1e-9, abs=1e-10)
+
+
+LINEAR = {
+    "attached-resonator": {"inertia": 0.01, "frequency": 30.0},
+    "link-flexibility": {"stiffness": 8e3},
+    "base-compliance": {"rock": 5e4, "turn": 5e4},
+    "motor-coupling": {"ratio": 0.05},
+    "link-viscous": {"damping": 1.0},
+    "cable-stiffness": {"stiffness": 10.0},
+    "locked-joint-elasticity": {"stiffness": 5e3},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_impedances_are_symmetric_and_passive(name: str) -> None:
+    """Reciprocal, and never giving energy: what adds to Z has a Hermitian part of j w Z that is not negative."""
+    arm, _, _ = known("ypp3", np.array([0.2, 0.5, -0.9]))
+    if name == "locked-joint-elasticity":
+        J = np.array(arm.J)
+        J[1], J[:, 1] = 0.0, 0.0
+        arm = replace(arm, J=J)
+    effect = CATALOGUE[name].of(None if CATALOGUE[name].scope == ("arm",) else 1, LINEAR[name])
+    w = 2 * np.pi * np.geomspace(0.5, 200, 60)
+    Z = effect.impedance(1j * w, arm)
+    assert Z is not None and np.abs(Z).max() > 0
+    assert np.abs(Z - np.swapaxes(Z, 1, 2)).max() <= 1e-9 * np.abs(Z).max()
+    lossy = (Z - np.conj(np.swapaxes(Z, 1, 2))) / 2j  # of Z = -w^2 M + j w D + K: w D
+    assert np.linalg.eigvalsh(lossy).min() >= -1e-9 * np.abs(Z).max()
+
+
+def test_gains_are_those_of_their_joint() -> None:
+    arm, _, _ = known("ypp3", np.zeros(3))
+    s = 2j * np.pi * np.array([10.0])
+    delayed = CATALOGUE["input-delay"].of(1, {"time": 1e-3}).torque_gain(s, arm)
+    assert delayed[0] == pytest.approx([1, np.exp(-2j * np.pi * 0.01), 1])
+    assert CATALOGUE["time-offset"].of(None, {"time": 1e-3}).angle_gain(s, arm)[0] == pytest.approx([delayed[0, 1]] * 3)
+    assert CATALOGUE["torque-lag"].of(2, {"time": 1e-3}).torque_gain(s, arm)[0, 2] == pytest.approx(
+        1 / (1 + s[0] * 1e-3)
+    )
+    assert CATALOGUE["torque-scale"].of(0, {"error": 0.1}).torque_gain(s, arm)[0] == pytest.approx([1.1, 1, 1])
+    assert CATALOGUE["joint-zero-offset"].of(2, {"offset": 0.1}).posture(np.ones(3)) == pytest.approx([1, 1, 1.1])
+
+
+def test_text_becomes_an_effect() -> None:
+    effect = parse("motor-coulomb:level=0.02@joint2", ROBOT.drives)
+    assert (effect.name, effect.joint, effect["level"]) == ("motor-coulomb", 1, 0.02)
+    base = parse("base-compliance:turn=1e5", ROBOT.drives)
+    assert (base.joint, base["turn"], base["rock"]) == (None, 1e5, 10 * 5500.0)
+    assert parse("torque-lag", ROBOT.drives).joint is None
+    assert truth([effect], ROBOT.drives) == {
+        "effects": [
+            {"name": "motor-coulomb", "joint": "joint2", "port": "motor", "parameters": {"level": {"value": 0.02, "unit": "Nm"}}}
+        ]
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected name:parameter=value"),
+        ("coulomb@joint1", "unknown effect 'coulomb'; expected one of motor-viscous"),
+        ("motor-coulomb:level=1", "which joint"),
+        ("motor-coulomb:level=1@joint9", "unknown joint 'joint9'; expected one of joint1"),
+        ("motor-coulomb:lvl=1@joint1", "unknown parameter 'lvl'; expected level"),
+        ("motor-coulomb@joint1", r"level is missing; expected level=<number> \[Nm\]"),
+        ("motor-coulomb:level@joint1", "'level'; expected parameter=value"),
+        ("motor-coulomb:level=1,level=2@joint1", "each parameter once"),
+        ("motor-coulomb:level=x@joint1", "level = 'x'; expected a number"),
+        ("motor-coulomb:level=-1@joint1", "level = -1; expected 0 to inf Nm"),
+        ("motor-coulomb:level=nan@joint1", "level = nan; expected"),
+        ("torque-ripple:amplitude=1,order=1.5@joint1", "expected a whole number"),
+        ("input-delay:time=1@joint1", "time = 1; expected 0 to 0.05 s"),
+        ("payload:mass=1@joint1", "an effect of the whole arm"),
+        ("rigid-body-coupling", "part of every simulated arm"),
+        ("motor-coupling:ratio=0.1@joint3", "step = 1 from joint 3 of 3"),
+    ],
+)
+def test_what_can_not_be_is_one_line(text: str, message: str) -> None:
+    with pytest.raises(IdentError, match=message) as error:
+        parse(text, ROBOT.drives)
+    assert "\n" not in str(error.value)
+
+
+def test_declared_effects_need_no_hook_of_the_fit() -> None:
+    for cls in CATALOGUE.values():
+        hooks = {
+            name
+            for name in ("force", "impedance", "torque_gain", "angle_gain", "reading", "posture")
+            if getattr(cls, name) is not getattr(Effect, name)
+        }
+        assert not (cls.declared and hooks)
+        assert cls.declared or hooks or not cls.injectable
