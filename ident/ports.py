@@ -11,6 +11,8 @@ Force = Callable[[State], float]
 
 #: A law whose force changes by less than this, relative, when its own effect on the velocity is in it, is not stiff.
 _FIXED = 1e-7
+#: A smooth law is found by one step along its tangent if that leaves less than this part of its own effect.
+_NEAR = 1e-4
 _ROOT = 1e-11  # of the change of velocity in a step: how well a stiff law's end velocity is found
 _TRIES = 60
 _SWEEPS, _SWEPT = 20, 1e-6  # of ports that load each other; of the velocity: how well they have to agree
@@ -89,7 +91,13 @@ def _solved(port: Port, v: float, a: float, W: float, h: float) -> float:
     settled = abs(F_2 - F_1) <= _FIXED * abs(F_2)
     if settled and v * end >= 0.0:
         return F_2
-    if settled or abs(h * W * (F_2 - F_1)) < 0.5 * abs(rate_2 - rate_1):
+    gain = 0.0 if settled else half * W * (F_2 - F_1) / (rate_2 - rate_1)
+    if abs(gain) < 0.5:
+        if not settled:
+            rate = rate_2 + (v + half * (a + W * F_2) - rate_2) / (1.0 - gain)  # where the tangent has it
+            F = port.torque(rate)
+            if abs(v + half * (a + W * F) - rate) <= _NEAR * abs(half * W * F) and v * (2.0 * rate - v) >= 0.0:
+                return F
         return _passing(port, v, end, a, W, h)
     end = _implicit(port, v, a, W, h)
     near = 1e-3 * abs(end - v)

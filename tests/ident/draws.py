@@ -139,7 +139,7 @@ def scales(
     spring = drive.N * (tau[:, joint] - drive.J_m * acceleration - drive.D * omega)
     x = spring / drive.K
     x_rate = derivatives(x, e.fs, record)[0]
-    rms = lambda v: float(np.std(v))  # noqa: E731
+    rms = lambda v: float(np.std(v))
     J_link = rms(spring) / max(rms(derivatives(theta[:, joint] / drive.N - x, e.fs, record)[1]), 1e-300)
     load = float(np.mean(spring)) / drive.K
     whole = float(np.hypot(rms(x), load))

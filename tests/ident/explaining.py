@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.effects.base import Effect, Known, Motion
 from ident.campaign import Record
+from ident.effects.base import Effect, Known, Motion
 from ident.plant import Linear
 
 ALIASES = 16

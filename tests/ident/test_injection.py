@@ -1,0 +1,231 @@
+"""The simulated arm with an effect is the arm that the effect's fit side describes; where it is zero nothing has changed."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from draws import RANGES, draws
+from explaining import Judged, judge
+
+from ident.bench import simulate
+from ident.campaign import Campaign
+from ident.effects.base import Arm, Effect, Known, Law, Parameter, State
+from ident.effects.catalogue import CATALOGUE, parse
+from ident.errors import ExperimentError
+from ident.injection import inject
+from ident.machine import Machine
+from ident.plant import build_plant, linearise
+from symgen.robot import Experiment, load_robot
+from symgen.urdf import load_chain
+
+ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+YPP = load_chain(ROBOT.urdf)
+POSTURE = np.array([0.2, 0.5, -0.9])
+SHORT = Experiment(f0=1.0, band=(1.0, 120.0), periods=3, swing=0.003, torque_noise=0.0)
+QUIET = replace(ROBOT, experiment=SHORT, drives=tuple(replace(d, encoder_counts=2**44) for d in ROBOT.drives))
+SMALL = replace(QUIET, experiment=replace(SHORT, swing=1e-3))
+
+
+def run(effects: Sequence[Effect], joint: int = 2, lock: str = "rigid", robot: Any = QUIET, **options: Any) -> Campaign:
+    return simulate(YPP, robot, [(YPP.names[joint], POSTURE)], lock=lock, effects=effects, workers=1, **options)
+
+
+def judged(effect: Effect, joint: int, lock: str, robot: Any = QUIET) -> Judged:
+    (record,) = run([effect], joint, lock, robot).records
+    drives = tuple(robot.drive(name) for name in YPP.names)
+    arm, q = effect.arm(Arm(YPP, drives, np.asarray(robot.gravity)), 0), effect.posture(POSTURE)
+    plant = build_plant(arm.chain, arm.drives, arm.gravity, q, free=joint if lock == "rigid" else None)
+    linear, J = linearise(plant), np.zeros((3, 3))
+    J[np.ix_(plant.live, plant.live)] = linear.link_inertia
+    k = {f: np.array([getattr(d, f) for d in arm.drives]) for f in ("N", "K", "J_m", "D", "D_spring")}
+    known = Known(**k, J=J, posture=q, fs=1000.0, chain=YPP)
+    return judge(record, linear, plant.live, k["N"], known, plant.preload * k["N"], [effect])
+
+
+NOTHING = [
+    "motor-coulomb:level=0@joint3", "link-coulomb:level=0@joint2", "torque-ripple:amplitude=0,order=4@joint3",
+    "spring-hardening:cubic=0@joint3", "backlash:gap=0@joint3", "motor-coupling:ratio=0@joint2", "torque-scale:error=0@joint3",
+    "torque-lag:time=0", "input-delay:time=0", "time-offset:time=0", "encoder-eccentricity:amplitude=0@joint3",
+    "joint-zero-offset:offset=0@joint3", "attached-resonator:inertia=0@joint3", "motor-viscous:damping=0@joint1",
+    "motor-hysteresis:level=0,distance=1@joint2", "payload:mass=0", "gravity-stiffness:share=0",
+    "inertial-parameters:mass=0@joint2", "change-between-records:stiffness=0@joint3", "cable-stiffness:stiffness=0@joint3",
+]  # fmt: skip
+
+
+def test_an_effect_of_size_zero_changes_nothing() -> None:
+    (clean,) = run([], lock="dob", steps=4).records
+    (with_all,) = run([parse(text, QUIET.drives) for text in NOTHING], lock="dob", steps=4).records
+    size = np.abs(clean.theta - clean.theta[0]).max()
+    assert np.abs(with_all.theta - clean.theta).max() <= 1e-9 * size  # encoder steps of 2^-44 rev, chains of roundings
+    assert np.abs(with_all.tau - clean.tau).max() <= 1e-9 * np.abs(clean.tau).max()
+
+
+#: Effects the fit explains by its hooks, each at the joint of ypp3 where it shows: name, parameters, joint excited, lock.
+SEEN = [
+    ("motor-coulomb:level=0.0006@joint3", 2, "rigid"), ("motor-stribeck:level=0.0003,peak=0.0006,speed=0.5@joint3", 2, "rigid"),
+    ("motor-quadratic-drag:drag=2e-5@joint3", 2, "rigid"), ("motor-hysteresis:level=0.0006,distance=0.05@joint3", 2, "rigid"),
+    ("torque-ripple:amplitude=0.0001,order=2,phase=0.3@joint3", 2, "rigid"), ("torque-scale:error=0.05@joint3", 2, "rigid"),
+    ("torque-lag:time=0.0005@joint3", 2, "rigid"), ("input-delay:time=0.0027@joint3", 2, "rigid"),
+    ("motor-coupling:ratio=0.04@joint2", 2, "dob"),
+    ("spring-hardening:cubic=1e7@joint2", 1, "rigid"), ("backlash:gap=5e-5@joint1", 0, "rigid"),
+    ("transmission-error:amplitude=2e-5,order=2,phase=0.5@joint3", 2, "rigid"), ("link-viscous:damping=0.5@joint3", 2, "rigid"),
+    ("link-coulomb:level=0.05@joint3", 2, "rigid"), ("load-dependent-friction:share=0.01@joint2", 1, "rigid"),
+    ("cable-stiffness:stiffness=15@joint3", 2, "rigid"), ("time-offset:time=0.0007@joint3", 2, "rigid"),
+    ("time-offset:time=-0.0015", 2, "rigid"), ("encoder-eccentricity:amplitude=0.01,order=2@joint3", 2, "rigid"),
+    ("base-compliance:rock=60000,turn=60000", 1, "dob"),
+    ("link-flexibility:stiffness=15000@joint3", 2, "rigid"), ("link-flexibility:stiffness=15000,across=1@joint2", 0, "dob"),
+    ("attached-resonator:inertia=0.003,frequency=40@joint3", 2, "dob"), ("locked-joint-elasticity:stiffness=4500@joint2", 2, "rigid"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "joint", "lock"), SEEN)
+def test_the_fit_side_explains_the_simulated_side(text: str, joint: int, lock: str) -> None:
+    """With the true parameters at least nine tenths of what an effect did to the record are explained.
+
+    What is left is friction's harmonics beyond the band and, where all joints move, Coriolis and gravity at this swing.
+    """
+    found = judged(parse(text, QUIET.drives), joint, lock, QUIET if lock == "rigid" else SMALL)
+    assert found.without > 2e-3, "it shows"
+    assert found.with_it < 0.1 * found.without
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "motor-viscous:damping=1e-4@joint3", "motor-inertia:inertia=3e-6@joint3", "spring-damping:damping=1@joint3",
+        "payload:mass=0.4,offset=0.15", "inertial-parameters:mass=0.2,aside=0.01@joint3", "gravity-stiffness:share=0.3,tilt_y=0.2",
+        "joint-zero-offset:offset=0.1@joint3",
+    ],
+)  # fmt: skip
+def test_numbers_that_are_off_make_another_linear_arm(text: str) -> None:
+    effect = parse(text, QUIET.drives)
+    assert judged(effect, 2, "rigid").without < 2e-4, "judged by the plant of the true numbers"
+    (clean,), (other,) = run([]).records, run([effect]).records
+    assert np.std((other.theta - clean.theta)[-1000:, 2]) > 1e-3 * np.std(clean.theta[-1000:, 2])
+
+
+def test_a_change_comes_with_its_record() -> None:
+    effect = parse("change-between-records:record=2,stiffness=-0.2@joint3", QUIET.drives)
+    cells = [("joint3", POSTURE)] * 3
+    clean = simulate(YPP, QUIET, cells, lock="rigid", workers=1).records
+    changed = simulate(YPP, QUIET, cells, lock="rigid", workers=1, effects=[effect]).records
+    away = [
+        np.std((b.theta - a.theta)[-1000:, 2]) / np.std(a.theta[-1000:, 2]) for a, b in zip(clean, changed, strict=True)
+    ]
+    assert away[0] < 1e-9 and min(away[1:]) > 1e-3
+
+
+RESTING = ["cable-stiffness:stiffness=20,neutral=-0.5@joint2", "spring-hardening:cubic=1e8@joint2", "torque-ripple:amplitude=0.002,order=4@joint2",
+           "transmission-error:amplitude=1e-4,order=2@joint2", "torque-offset:offset=0.01@joint3", "torque-scale:error=0.1@joint2",
+           "motor-coupling:ratio=0.05@joint2", "joint-zero-offset:offset=0.1@joint2", "payload:mass=0.5", "motor-coulomb:level=0.01@joint2",
+           "base-compliance", "link-flexibility@joint2", "attached-resonator:inertia=0.005@joint2", "input-delay:time=0.0015",
+           "torque-lag:time=0.001", "encoder-eccentricity:amplitude=0.05,phase=1@joint2", "motor-hysteresis:level=0.01,distance=0.1@joint3"]  # fmt: skip
+
+
+def test_an_arm_with_effects_rests_where_it_says_it_does() -> None:
+    effects = [parse(text, ROBOT.drives) for text in RESTING]
+    arm = inject(YPP, ROBOT.drives, ROBOT.gravity, POSTURE, effects)
+    machine = Machine(arm, 1e-3, 8)
+    N = np.array([d.N for d in ROBOT.drives])
+    for _ in range(300):
+        machine.advance(arm.plant.preload.tolist(), [0.0] * 3)
+    # unstable where gravity tips it: what little rounding there is grows, over 0.3 s, to far less than an encoder's count
+    assert np.abs(np.array(machine.angles()) * N - arm.plant.rest).max() < 1e-6
+
+
+def test_the_campaign_tells_nothing_of_the_effect() -> None:
+    effect = parse("motor-coulomb:level=0.0006@joint3", QUIET.drives)
+    clean, other = run([]), run([effect])
+    for name in ("urdf", "joints", "source", "hold", "fs"):
+        assert getattr(clean, name) == getattr(other, name)
+    assert np.array_equal(clean.D, [3e-5, 3e-5, 1e-5]) and np.array_equal(other.D_spring, [1.2, 1.1, 0.3])
+    for name in ("posture", "lines", "rms", "id"):
+        assert np.array_equal(getattr(clean.records[0], name), getattr(other.records[0], name))
+
+
+def test_a_stuck_joint_stays_where_it_is() -> None:
+    """Friction beyond the torque: the motor creeps at the speed at which the smoothed sign has the torque, no faster."""
+    arm = inject(YPP, ROBOT.drives, [0, 0, 0], POSTURE, [CATALOGUE["motor-coulomb"].of(2, {"level": 0.1})], free=2)
+    machine = Machine(arm, 1e-3, 4)
+    start = machine.angles()[0]
+    for _ in range(1000):
+        machine.advance([0.05], [0.0])
+    creep = 5e-4 * np.arctanh(0.5)  # joint side
+    assert machine.angles()[0] - start == pytest.approx(creep + 0.05 * 100 / 4500 * 0, rel=2e-2, abs=1e-6)
+
+
+def test_friction_stops_a_free_motor_in_the_time_it_takes() -> None:
+    """A torque of two levels for 50 ms, then none: speed up at one level, slow down at one, and no fake inertia."""
+    effect = CATALOGUE["motor-coulomb"].of(2, {"level": 0.05})
+    arm = inject(YPP, ROBOT.drives, [0, 0, 0], [0, 0, 0], [effect], free=2)
+    J = linearise(build_plant(YPP, ROBOT.drives, [0, 0, 0], [0, 0, 0], free=2)).link_inertia[0, 0]
+    machine, whole = Machine(arm, 1e-3, 4), J + 100.0**2 * 1e-5
+    start = machine.angles()[0]
+    for k in range(400):
+        machine.advance([0.1 if k < 50 else 0.0], [0.0])
+    # 0.05 N m up for 50 ms, 0.05 N m down for as long; viscous damping of motor D = 1e-5 takes about 3 % off
+    free = 0.05 * 100 / whole * 0.05**2
+    assert machine.angles()[0] - start == pytest.approx(free, rel=0.05)
+
+
+class Detent(Law):
+    """A magnet near one angle."""
+
+    name, port = "detent", "motor"
+    parameters = (Parameter("depth", "Nm", 0.0, 1.0, (1e-3,)), Parameter("width", "rad", 0.0, 10.0, (0.2,)))
+
+    def law(self, at: State) -> Any:
+        depth, width = self.values
+        x = (at.theta + 90.5) / width
+        return -depth * x * np.exp(-x * x / 2)
+
+
+class RootDamper(Law):
+    """|v|^0.5: infinitely stiff at rest."""
+
+    name, port = "root-damper", "link"
+    parameters = (Parameter("level", "Nm", 0.0, 10.0, (0.2,)),)
+
+    def law(self, at: State) -> Any:
+        return -self["level"] * np.sign(at.q_rate) * np.sqrt(np.abs(at.q_rate))
+
+
+class PlaceFriction(Law):
+    """Dry friction that depends on where the motor is."""
+
+    name, port = "place-friction", "motor"
+    parameters = (Parameter("level", "Nm", 0.0, 1.0, (6e-4,)),)
+
+    def law(self, at: State) -> Any:
+        return -self["level"] * (1 + np.sin(5 * at.theta)) * np.tanh(at.omega / 0.05)
+
+
+@pytest.mark.parametrize(
+    "effect", [Detent(2, (3e-4, 0.2)), RootDamper(2, (0.2,)), PlaceFriction(2, (3e-4,))], ids=lambda e: e.name
+)
+def test_laws_outside_the_catalogue_can_be_injected(effect: Effect) -> None:
+    found = judged(effect, 2, "rigid")
+    assert found.without > 1e-2
+    assert found.with_it < 0.1 * found.without
+
+
+def test_an_effect_that_the_arm_can_not_have_is_one_line() -> None:
+    with pytest.raises(
+        ExperimentError, match="joint 'joint3' at posture .*locked-joint-elasticity: .* --lock rigid"
+    ) as error:
+        run([parse("locked-joint-elasticity@joint2", ROBOT.drives)], lock="dob")
+    assert "\n" not in str(error.value)
+
+
+def test_draws_are_visible_and_not_absurd() -> None:
+    """Every name once, at a random joint and size: the record departs from the clean one, and the arm stays where it is."""
+    cells = [(name, POSTURE) for name in YPP.names]
+    rng = np.random.default_rng(3)
+    found = draws(rng, len(RANGES), YPP, ROBOT, cells)
+    assert {d.effect.name for d in found} >= set(RANGES) - {"torque-offset", "locked-joint-elasticity"}
+    assert all(d.effect.joint is None or 0 <= d.effect.joint < 3 for d in found)
+    again = draws(np.random.default_rng(3), len(RANGES), YPP, ROBOT, cells)
+    assert [d.text for d in found] == [d.text for d in again]
