@@ -1,5 +1,6 @@
 """The simulated arm with an effect is the arm that the effect's fit side describes; where it is zero nothing has changed."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from explaining import Judged, judge
 
 from ident.bench import simulate
 from ident.campaign import Campaign
+from ident.cli import main
 from ident.effects.base import Arm, Effect, Known, Law, Parameter, State
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.errors import ExperimentError
@@ -229,3 +231,40 @@ def test_draws_are_visible_and_not_absurd() -> None:
     assert all(d.effect.joint is None or 0 <= d.effect.joint < 3 for d in found)
     again = draws(np.random.default_rng(3), len(RANGES), YPP, ROBOT, cells)
     assert [d.text for d in found] == [d.text for d in again]
+
+
+def test_the_command_line_injects_and_tells_the_truth_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    jobs: list[Any] = []
+    monkeypatch.setattr("ident.resume.run_to_file", lambda all_jobs, *_, **__: jobs.extend(all_jobs))
+    arguments = [
+        "simulate",
+        str(ROBOT.path.parent),
+        "-o",
+        str(tmp_path / "c.h5"),
+        "--truth",
+        str(tmp_path / "truth.json"),
+    ]
+    effects = ["--effect", "motor-coulomb:level=0.001@joint2", "--effect", "base-compliance"]
+    assert main([*arguments, *effects]) == 0
+    assert jobs and all([effect.name for effect in job.effects] == ["motor-coulomb", "base-compliance"] for job in jobs)
+    document = json.loads((tmp_path / "truth.json").read_text())
+    assert [effect["name"] for effect in document["effects"]] == ["motor-coulomb", "base-compliance"]
+    capsys.readouterr()
+    assert main([*arguments, "--effect", "motor-coulomb"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("ident: effect 'motor-coulomb': which joint?") and error.count("\n") == 1
+
+
+def test_six_joints_held_by_their_motors_with_effects_everywhere() -> None:
+    robot = load_robot(Path(__file__).parents[2] / "robots" / "arm6")
+    chain = load_chain(robot.urdf)
+    robot = replace(robot, experiment=replace(SHORT, swing=0.003))
+    texts = ["motor-coulomb:level=0.003@joint4", "link-coulomb:level=0.2@joint5", "link-flexibility@joint2", "input-delay:time=0.0005",
+             "attached-resonator:inertia=0.01,frequency=60@joint6"]  # fmt: skip
+    q = np.array([0.2, -0.8, 0.9, 0.3, 0.5, 0.1])
+    effects = [parse(text, robot.drives) for text in texts]
+    clean, other = (simulate(chain, robot, [("joint4", q)], workers=1, effects=e).records[0] for e in ([], effects))
+    change = np.std((other.theta - clean.theta)[-1000:], axis=0)
+    assert np.all(np.isfinite(other.theta)) and change[3] > 1e-3 * np.std(clean.theta[-1000:, 3])

@@ -46,6 +46,7 @@ def a_campaign() -> Campaign:
         K=[5500, 4500, np.nan],
         gravity=[0, 0, -9.81],
         source="a bench in Zürich",
+        D=[3e-5, np.nan, 0],
         records=tuple(a_record(k) for k in (1, 2, 3)),
     )
 
