@@ -109,54 +109,84 @@ def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extr
     )
 
 
-def acting(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extra:
-    """Everything in `effects` and, where `slopes` are given, the rigid-body terms, at the lines of the record."""
-    linear = linear_extra(scene, p, effects)
-    if scene.slopes is None and not any(_has_forces(e) for e in effects):
-        return linear
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """How an arm moved in a record, and the rigid-body forces of second order [L, m] that follow, joint side."""
+
+    motion: Motion
+    second: Complex | None
+
+
+def moved(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Moved | None:
+    """Returns how the arm moved, by what was measured and the effects known so far; None where nothing depends on it."""
+    if scene.slopes is None and not any(has_forces(e) for e in effects):
+        return None
     wide = scene.wide
-    forces = _forces(wide, p, effects, linear_extra(wide, p, effects))[:3]
-    on_motor, on_link, reading = (force[: len(scene.lines)] for force in forces)
-    return Extra(linear.impedance, linear.torque_gain, linear.angle_gain, on_motor, on_link, reading)
-
-
-def motion_of(scene: Scene, p: Parameters, effects: Sequence[Effect] = ()) -> Motion:
-    """How the arm moved in this record, by what was measured and the effects known so far."""
-    wide = scene.wide
-    return _forces(wide, p, effects, linear_extra(wide, p, effects))[3]
-
-
-def _has_forces(effect: Effect) -> bool:
-    kind = type(effect)
-    return kind.force is not Effect.force or kind.reading is not Effect.reading
-
-
-def _forces(
-    scene: Scene, p: Parameters, effects: Sequence[Effect], linear: Extra
-) -> tuple[Complex, Complex, Complex, Motion]:
-    """Forces on motors and links and errors of the angles [L, m], and the motion they follow from."""
-    place = {int(j): k for k, j in enumerate(scene.arm.live)}
-    forceful = [e for e in effects if _has_forces(e) and e.joint in place]
+    linear = linear_extra(wide, p, effects)
+    forceful = [e for e in effects if has_forces(e)]
     doubted = any(e.port == "spring" for e in forceful)
-    on = {port: np.zeros(scene.theta.shape, dtype=complex) for port in ("motor", "spring", "link", "reading")}
-    moved = _motion(scene, p, linear, on, doubted)
+    on = _nothing(wide)
+    motion = _motion(wide, p, linear, on, doubted)
     for _ in range(PASSES if forceful else 1):
-        on = {port: np.zeros_like(forces) for port, forces in on.items()}
-        for e in forceful:
-            k = place[e.joint or 0]
-            loads = [(e.port, k, law)] if (law := e.force(moved)) is not None else []
-            if type(e).loads is not Effect.loads:
-                states = [moved.state(j) for j in range(scene.n)]
-                loads += [(port, place[j], load) for port, j, load in e.loads(states) if j in place]
-            for port, i, load in loads:
-                on[port][:, i] += scene.at_lines(load) * (scene.arm.N[i] if port == "motor" else 1.0)
-            if (error := e.reading(moved)) is not None:
-                on["reading"][:, k] += scene.at_lines(error)
+        on = forces(wide, effects, motion)
+        second = None
         if scene.slopes is not None:
-            on["link"] += scene.at_lines(_second_order(scene, p, moved))
+            second = wide.at_lines(_second_order(wide, p, motion))
+            on["link"] += second
         if forceful:
-            moved = _motion(scene, p, linear, on, doubted)
-    return on["motor"] - on["spring"], on["link"] + on["spring"], on["reading"], moved
+            motion = _motion(wide, p, linear, on, doubted)
+    return Moved(motion, None if second is None else second[: len(scene.lines)])
+
+
+def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | None) -> Extra:
+    """Everything in `effects` and the rigid-body terms, at the lines of a record in which the arm moved like `how`."""
+    linear = linear_extra(scene, p, effects)
+    if how is None:
+        return linear
+    on = forces(scene, effects, how.motion)
+    if how.second is not None:
+        on["link"] += how.second
+    return replace(
+        linear, on_motor=on["motor"] - on["spring"], on_link=on["link"] + on["spring"], reading=on["reading"]
+    )
+
+
+def has_forces(effect: Effect) -> bool:
+    """Whether an effect needs the motion: a law, a load, an error of the reading."""
+    kind = type(effect)
+    return any(getattr(kind, hook) is not getattr(Effect, hook) for hook in ("force", "loads", "reading"))
+
+
+def only_forces(effect: Effect) -> bool:
+    """Whether an effect changes nothing but forces and readings."""
+    kind = type(effect)
+    hooks = ("impedance", "torque_gain", "angle_gain", "posture", "shares")
+    return all(getattr(kind, hook) is getattr(Effect, hook) for hook in hooks)
+
+
+def _nothing(scene: Scene) -> dict[str, Complex]:
+    return {port: np.zeros(scene.theta.shape, dtype=complex) for port in ("motor", "spring", "link", "reading")}
+
+
+def forces(scene: Scene, effects: Sequence[Effect], motion: Motion) -> dict[str, Complex]:
+    """What `effects` do at each port, joint side, and to the "reading" [L, m], when the arm moves like this."""
+    place = {int(j): k for k, j in enumerate(scene.arm.live)}
+    on = _nothing(scene)
+    for e in effects:
+        if not has_forces(e):
+            continue
+        loads: list[tuple[str, int, Array]] = []
+        if e.joint in place and (law := e.force(motion)) is not None:
+            loads.append((e.port if e.port in ("motor", "spring") else "link", int(e.joint or 0), law))
+        if type(e).loads is not Effect.loads:
+            loads += e.loads([motion.state(j) for j in range(scene.n)])
+        for port, j, load in loads:
+            if j in place:
+                k = place[j]
+                on[port][:, k] += scene.at_lines(load) * (scene.arm.N[k] if port == "motor" else 1.0)
+        if e.joint in place and (error := e.reading(motion)) is not None:
+            on["reading"][:, place[int(e.joint or 0)]] += scene.at_lines(error)
+    return on
 
 
 def _motion(scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex], doubted: bool) -> Motion:

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import Scene, acting, linear_extra
-from ident.arm_model import Extra, Parameters, Posture, Sampling, motion_and_derivatives
+from ident.acting import Moved, Scene, acting, forces, linear_extra, moved, only_forces
+from ident.arm_model import Parameters, Posture, Sampling, motion_and_derivatives, transfer
 from ident.campaign import Array, Campaign
 from ident.effects.base import Effect
 from ident.errors import IdentError
@@ -212,16 +211,14 @@ def minimise(
     """
     converged, chi2, information = False, np.inf, np.zeros((len(vector), len(vector)))
     for doubt in (*doubts, *[0.0] * outer):
-        weights = weights_at(problem, vector, doubt)
-        chi2, slope, information = normal_equations(problem, vector, weights)
+        held = hold(problem, vector, doubt)
+        chi2, slope, information = normal_equations(problem, vector, held)
         begin, settled, damping = vector, False, 1e-3
         for _ in range(INNER):
             for _ in range(TRIALS):
                 step = _step(problem, slope, information, damping)
-                trial = np.clip(
-                    vector + problem.scale * step, problem.low, problem.high
-                )  # a drive changes by e at most
-                cost = chi_squared(problem, trial, weights)
+                trial = np.clip(vector + problem.scale * step, problem.low, problem.high)
+                cost = chi_squared(problem, trial, held)
                 if cost <= chi2:
                     break
                 damping *= 5.0
@@ -230,7 +227,7 @@ def minimise(
                 break
             damping = max(damping / 5.0, 1e-12)
             vector, moved, before = trial, float(step @ information @ step), chi2
-            chi2, slope, information = normal_equations(problem, vector, weights)
+            chi2, slope, information = normal_equations(problem, vector, held)
             if moved < SMALL_STEP**2 or ((doubt or roughly) and before - chi2 < ROUGHLY * before):
                 settled = True
                 break
@@ -252,8 +249,16 @@ def _step(problem: Problem, slope: Array, information: Array, damping: float) ->
     return step
 
 
-def weights_at(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Complex]:
-    """The whitening matrices [L, m, m] of all records, for the arm at `vector`."""
+@dataclass(frozen=True, eq=False)
+class Held:
+    """What stays as it is during one descent: the whitening matrices `W` [L, m, m] of a record and how the arm moved."""
+
+    W: Complex
+    moved: Moved | None
+
+
+def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
+    """Weights and motions of all records, for the arm at `vector`."""
     whole, effects = problem.parameters(vector), problem.effects_at(vector)
     found = []
     for one in problem.data:
@@ -261,7 +266,8 @@ def weights_at(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Comp
         scene = problem.scene(one, effects)
         linear = linear_extra(scene, p, effects)
         W = whitening(scene.arm, p, one.sampling, one.noise, scene.theta, doubt, linear)
-        found.append(W if one.judged is None else W * one.judged[:, None, None])
+        W = W if one.judged is None else W * one.judged[:, None, None]
+        found.append(Held(W, moved(scene, p, effects)))
     return found
 
 
@@ -278,59 +284,73 @@ def in_record(p: Parameters, effects: Sequence[Effect], record: int) -> Paramete
 
 
 def residual(
-    problem: Problem, vector: Array, one: Evidence, derive: bool = False
+    problem: Problem, vector: Array, one: Evidence, how: Moved | None, derive: bool = False
 ) -> tuple[Complex, Complex, NDArray[np.int64]]:
     """Returns theta - G tau [L, m], its derivatives [L, m, C] and the parameters [C] that they belong to."""
-    p, effects = problem.parameters(vector), problem.effects_at(vector)
+    whole, effects = problem.parameters(vector), problem.effects_at(vector)
 
-    def run(effects: tuple[Effect, ...], derive: bool) -> tuple[Complex, Complex, Any]:
-        scene, here = problem.scene(one, effects), in_record(p, effects, one.index)
-        extra: Extra = acting(scene, here, effects)
-        theta, slopes = motion_and_derivatives(scene.arm, here, one.sampling, scene.tau, extra, derive)
-        return scene.theta - theta, -slopes, scene
+    def run(effects: tuple[Effect, ...], derive: bool) -> tuple[Complex, Complex]:
+        scene, p = problem.scene(one, effects), in_record(whole, effects, one.index)
+        extra = acting(scene, p, effects, how)
+        theta, slopes = motion_and_derivatives(scene.arm, p, one.sampling, scene.tau, extra, derive)
+        return scene.theta - theta, -slopes
 
-    r, slopes, scene = run(effects, derive)
+    r, slopes = run(effects, derive)
     if not derive:
         return r, slopes, np.zeros(0, dtype=np.int64)
+    scene, p = problem.scene(one, effects), in_record(whole, effects, one.index)
     columns, more = [scene.arm.columns(problem.n)], [slopes]
+    on_motor, on_link = (
+        transfer(scene.arm, p, scene.s, linear_extra(scene, p, effects)) if effects else (slopes, slopes)
+    )
     k = problem.base
     for place, effect in enumerate(effects):
+        now = forces(scene, (effect,), how.motion) if how is not None and only_forces(effect) else None
         for j in range(len(effect.values)):
+            if not problem.free[k + j]:
+                continue
             nudge = NUDGE * problem.scale[k + j]
+            nudge = nudge if effect.values[j] + nudge <= problem.high[k + j] else -nudge
             values = list(effect.values)
-            values[j] += nudge if values[j] + nudge <= problem.high[k + j] else -nudge
-            changed = (*effects[:place], effect.with_values(values), *effects[place + 1 :])
-            more.append(((run(changed, False)[0] - r) / (values[j] - effect.values[j]))[..., None])
+            values[j] += nudge
+            changed = effect.with_values(values)
+            if now is None or how is None:
+                difference = run((*effects[:place], changed, *effects[place + 1 :]), False)[0] - r
+            else:
+                by = {port: force - now[port] for port, force in forces(scene, (changed,), how.motion).items()}
+                motor, link = by["motor"] - by["spring"], by["link"] + by["spring"]
+                difference = -(on_motor @ motor[..., None] + on_link @ link[..., None])[..., 0] - by["reading"]
+            more.append((difference / nudge)[..., None])
             columns.append(np.array([k + j]))
         k += len(effect.values)
     return r, np.concatenate(more, axis=2), np.concatenate(columns)
 
 
-def chi_squared(problem: Problem, vector: Array, weights: Sequence[Complex]) -> float:
+def chi_squared(problem: Problem, vector: Array, held: Sequence[Held]) -> float:
     """chi^2 of all records; infinite where the arm is not one (J not positive, numbers beyond numbers)."""
     p = problem.parameters(vector)
     total = 0.0
     with np.errstate(all="ignore"):  # a trial step beyond numbers is refused for its size
-        for one, W in zip(problem.data, weights, strict=True):
+        for one, kept in zip(problem.data, held, strict=True):
             if not np.isfinite(one.scene.arm.J(p)).all():
                 return float(np.inf)
             if np.linalg.eigvalsh(one.scene.arm.J(p))[0] <= 0.0:
                 return float(np.inf)
-            r = residual(problem, vector, one)[0]
-            total += 2.0 * float(np.sum(np.abs(W @ r[..., None]) ** 2))
+            r = residual(problem, vector, one, kept.moved)[0]
+            total += 2.0 * float(np.sum(np.abs(kept.W @ r[..., None]) ** 2))
             if not np.isfinite(total):
                 return float(np.inf)
     return total
 
 
-def normal_equations(problem: Problem, vector: Array, weights: Sequence[Complex]) -> tuple[float, Array, Array]:
+def normal_equations(problem: Problem, vector: Array, held: Sequence[Held]) -> tuple[float, Array, Array]:
     """Returns chi^2, half its gradient [P] and half its Gauss-Newton Hessian [P, P] per step of `scale`: the information."""
     P = len(vector)
     chi2, slope, information = 0.0, np.zeros(P), np.zeros((P, P))
-    for one, W in zip(problem.data, weights, strict=True):
-        r, slopes, columns = residual(problem, vector, one, derive=True)
-        A = (W @ (slopes * problem.scale[columns])).reshape(-1, len(columns))
-        white = (W @ r[..., None]).ravel()
+    for one, kept in zip(problem.data, held, strict=True):
+        r, slopes, columns = residual(problem, vector, one, kept.moved, derive=True)
+        A = (kept.W @ (slopes * problem.scale[columns])).reshape(-1, len(columns))
+        white = (kept.W @ r[..., None]).ravel()
         chi2 += 2.0 * float(np.vdot(white, white).real)
         slope[columns] += 2.0 * (A.conj().T @ white).real
         real = np.concatenate([A.real, A.imag])

@@ -23,7 +23,7 @@ ORDERS, BEST_ORDERS = tuple(range(1, 101)), 2
 #: Share of a plausible size from which an effect that is not linear in its size is differentiated.
 SMALL = 1e-3
 #: Knots of a learned curve.
-KNOTS = 11
+KNOTS = 9
 #: A first-order size beyond these factors of the one tried says that another one is meant.
 WITHIN = (0.02, 50.0)
 

@@ -18,6 +18,7 @@ from ident.arm_fit import (
     Problem,
     evidence,
     gravity_basis,
+    hold,
     minimise,
     posture_at,
     residual,
@@ -225,9 +226,9 @@ def _predictions(
 ) -> tuple[Complex, ...]:
     """What the arm at `vector` answers at the excited lines [L, n] of every record."""
     predictions = []
-    for one, frf in zip(data, responses, strict=True):
+    for one, kept, frf in zip(data, hold(replace(problem, data=tuple(data)), vector), responses, strict=True):
         theta = np.zeros_like(frf.theta)
-        theta[:, one.scene.arm.live] = (one.scene.theta - residual(problem, vector, one)[0])[one.is_excited]
+        theta[:, one.scene.arm.live] = (one.scene.theta - residual(problem, vector, one, kept.moved)[0])[one.is_excited]
         theta.setflags(write=False)
         predictions.append(theta)
     return tuple(predictions)

@@ -20,10 +20,10 @@ from ident.arm_fit import (
     chi_squared,
     evidence,
     gravity_basis,
+    hold,
     minimise,
     residual,
     spectrum,
-    weights_at,
 )
 from ident.arm_model import Parameters
 from ident.campaign import Array, Campaign
@@ -42,9 +42,11 @@ REFITTED, CURVES = 5, 2
 #: chi^2 per degree of freedom of a group of lines above which the arm is not explained, and the least of a group's degrees.
 DEPARTURE, LEAST_DOF = 3.0, 40
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
-LEAST_GAIN, LEAST_SHARE = 40.0, 0.05
-#: A named effect is preferred to a learned curve that leaves at least this share of its excess.
-CURVE_SHARE = 0.5
+LEAST_GAIN, LEAST_SHARE = 40.0, 0.2
+#: A learned curve is preferred to a named effect where it explains this share of the excess more.
+CURVE_SHARE = 0.05
+#: Share of the excess that a found effect may leave: laws are known, the motion they act on is measured.
+LEFT = 3e-3
 #: Effects whose chi^2 on the choosing records differ by less than this are not told apart.
 TIE = 12.0
 #: Bands [Hz] in which errors are told, as far as the records reach.
@@ -175,7 +177,7 @@ def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None
     start, added, seen = state, [], []
     progress(f"the declared arm: chi2 {_excess(bench, state):.3g} in excess")
     for _ in range(MOST_EFFECTS):
-        if not _departs(bench, state):
+        if not _departs(bench, state) or (added and _left(bench, start, state) < LEFT):
             break
         step = _round(bench, state, progress)
         if step is None:
@@ -189,7 +191,7 @@ def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None
         replace(a, effect=next(e for e in state.effects if _same(a.effect, e)), std=_std(state, a.effect)) for a in kept
     )
     before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
-    left = departures(bench, state)
+    left = departures(bench, state) if _left(bench, start, state) > (LEFT if final else 0.0) else ()
     status = "unexplained" if left else "effect-found" if final else "explained"
     return Diagnosis(campaign, model, responses, bench.split, start, state, final, before, after, left, status)
 
@@ -270,7 +272,7 @@ def _fitted(
     problem = bench.problem(bench.split.fit, effects, scales, limits)
     minimum = minimise(problem, vector, doubts, outer, roughly=True)
     chosen = bench.problem(bench.split.select, effects, scales, limits)
-    select = chi_squared(chosen, minimum.vector, weights_at(chosen, minimum.vector))
+    select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
     return State(problem.effects_at(minimum.vector), scales, limits, minimum, problem, select)
 
 
@@ -284,6 +286,12 @@ def _excess(bench: _Bench, state: State) -> float:
     return state.select / max(degrees(bench.split.select), 1)
 
 
+def _left(bench: _Bench, start: State, state: State) -> float:
+    """Share of what was in excess on the choosing records that still is."""
+    dof = degrees(bench.split.select)
+    return (state.select - dof) / max(start.select - dof, 1.0)
+
+
 def _departs(bench: _Bench, state: State) -> bool:
     """Whether anything but noise may be left, on the records that fit and choose."""
     return bool(_groups(bench, state, bench.split.fit + bench.split.select)) or _excess(bench, state) > 1.1
@@ -291,11 +299,12 @@ def _departs(bench: _Bench, state: State) -> bool:
 
 def _round(bench: _Bench, state: State, progress: Callable[[str], None]) -> tuple[State, Added] | None:
     """The model with one effect more, if any earns it."""
-    weights = weights_at(state.problem, state.minimum.vector)
-    lin = linearise(state.problem, state.minimum.vector, weights)
+    held = hold(state.problem, state.minimum.vector)
+    lin = linearise(state.problem, state.minimum.vector, held)
     shares = port_shares(lin)
     found = catalogue(lin, state.effects)
-    short = found[:REFITTED] + curves(lin)[:CURVES]
+    wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
+    short = [c for c in (*found[:REFITTED], *curves(lin)[:CURVES]) if c.gain > wanted]
     tried: list[tuple[Candidate, State]] = []
     for candidate in short:
         new = _with(bench, state, candidate, lin)
@@ -308,7 +317,8 @@ def _round(bench: _Bench, state: State, progress: Callable[[str], None]) -> tupl
     best = min(named, key=lambda pair: pair[1].select, default=None)
     curve = min(drawn, key=lambda pair: pair[1].select, default=None)
     if best is None or (
-        curve is not None and curve[1].select - dof < CURVE_SHARE * (best[1].select - dof) - LEAST_GAIN
+        curve is not None
+        and best[1].select - curve[1].select > LEAST_GAIN + CURVE_SHARE * (state.select - curve[1].select)
     ):
         best = curve
     if best is None:
@@ -348,6 +358,8 @@ def _with(bench: _Bench, state: State, candidate: Candidate, lin: Linearised) ->
 def _pruned(bench: _Bench, state: State, entry: Added, progress: Callable[[str], None]) -> tuple[State, Added]:
     """The model without those earlier effects that the new one has made superfluous."""
     for old in state.effects[:-1]:
+        if entry.effect.name == "unknown" and old.name != "unknown":
+            continue  # a curve can play any law of its variable: it takes no name away
         keep = [k for k, e in enumerate(state.effects) if not _same(e, old)]
         slots = np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects])[:-1])
         use = np.concatenate([slots[k] for k in keep]) if keep else np.zeros(0, dtype=int)
@@ -397,10 +409,10 @@ def port_shares(lin: Linearised) -> tuple[tuple[str, int, float], ...]:
 def errors(bench: _Bench, state: State, data: Sequence[Evidence]) -> Errors:
     """Relative rms errors of the excited joint's angle at the excited lines of `data`."""
     problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
-    weights = weights_at(problem, state.minimum.vector)
+    held = hold(problem, state.minimum.vector)
     squares: list[tuple[int, Array, Array, Array]] = []
-    for one, W in zip(data, weights, strict=True):
-        r = residual(problem, state.minimum.vector, one)[0]
+    for one, kept in zip(data, held, strict=True):
+        r, W = residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W
         k = int(np.flatnonzero(one.scene.arm.live == one.excited)[0])
         use = one.is_excited & one.use
         size = np.maximum(np.abs(one.scene.theta[use, k]) ** 2, 1e-300)
@@ -428,10 +440,10 @@ def _groups(
 ) -> list[tuple[int, int, float, float, str, float, float]]:
     """Groups of lines beyond `DEPARTURE`: (record, joint, low, high, kind, level, chi^2 in excess)."""
     problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
-    weights = weights_at(problem, state.minimum.vector)
+    held = hold(problem, state.minimum.vector)
     found = []
-    for one, W in zip(data, weights, strict=True):
-        r = residual(problem, state.minimum.vector, one)[0]
+    for one, kept in zip(data, held, strict=True):
+        r, W = residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W
         power = 2.0 * np.abs((W @ r[..., None])[..., 0]) ** 2
         odd = one.scene.lines % 2 == 1
         kinds = {"excited": one.is_excited, "odd": odd & ~one.is_excited, "even": ~odd & ~one.is_excited}

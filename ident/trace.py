@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import linear_extra, motion_of
-from ident.arm_fit import Problem, in_record, residual
+from ident.acting import linear_extra
+from ident.arm_fit import Held, Problem, in_record, residual
 from ident.arm_model import transfer
 from ident.campaign import Array
 from ident.effects.base import Motion
@@ -30,11 +30,12 @@ RIDGE = 1e-9
 @dataclass(frozen=True, eq=False)
 class Linearised:
     """A fit about `vector`, all whitened: residuals [one a record: L, m], Jacobians [L, m, C] with their columns [C], of the
-    free parameters in units of `scale`. `W` [one a record: L, m, m]."""
+    free parameters in units of `scale`. `W` [one a record: L, m, m]; `motions` how the arm moved in each record."""
 
     problem: Problem
     vector: Array
     W: tuple[Complex, ...]
+    motions: tuple[Motion, ...]
     r: tuple[Complex, ...]
     A: tuple[Complex, ...]
     columns: tuple[NDArray[np.int64], ...]
@@ -67,16 +68,6 @@ class Linearised:
     @cached_property
     def chi2(self) -> float:
         return 2.0 * sum(float(np.vdot(r, r).real) for r in self.r)
-
-    @cached_property
-    def motions(self) -> tuple[Motion, ...]:
-        """How the arm moved in each record."""
-        effects = self.problem.effects_at(self.vector)
-        p = self.problem.parameters(self.vector)
-        return tuple(
-            motion_of(self.problem.scene(one, effects), in_record(p, effects, one.index), effects)
-            for one in self.problem.data
-        )
 
     @cached_property
     def positions(self) -> tuple[Complex, ...]:
@@ -135,18 +126,21 @@ class Linearised:
         unit = np.sqrt(
             np.maximum(np.diag(own), 1e-300)
         )  # by its own size: what the other parameters do as well is nothing
-        sizes = np.linalg.pinv(left / unit / unit[:, None], rcond=1e-6, hermitian=True) @ (b / unit) / unit
+        sizes = np.linalg.pinv(left / unit / unit[:, None], rcond=1e-5, hermitian=True) @ (b / unit) / unit
         return sizes, float(b @ sizes)
 
 
-def linearise(problem: Problem, vector: Array, weights: Sequence[Complex]) -> Linearised:
-    """The fit about `vector` with its whitening matrices."""
-    r, A, columns = [], [], []
-    for one, W in zip(problem.data, weights, strict=True):
-        residuals, slopes, where = residual(problem, vector, one, derive=True)
+def linearise(problem: Problem, vector: Array, held: Sequence[Held]) -> Linearised:
+    """The fit about `vector`, held as it was fitted; every record needs its motion."""
+    r, A, columns, motions = [], [], [], []
+    for one, kept in zip(problem.data, held, strict=True):
+        residuals, slopes, where = residual(problem, vector, one, kept.moved, derive=True)
         use = problem.free[where]
         where = where[use]
-        r.append((W @ residuals[..., None])[..., 0])
-        A.append(W @ (slopes[:, :, use] * problem.scale[where]))
+        r.append((kept.W @ residuals[..., None])[..., 0])
+        A.append(kept.W @ (slopes[:, :, use] * problem.scale[where]))
         columns.append(where)
-    return Linearised(problem, vector, tuple(weights), tuple(r), tuple(A), tuple(columns))
+        assert kept.moved is not None
+        motions.append(kept.moved.motion)
+    W = tuple(kept.W for kept in held)
+    return Linearised(problem, vector, W, tuple(motions), tuple(r), tuple(A), tuple(columns))
