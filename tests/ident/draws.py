@@ -27,12 +27,12 @@ RANGES: Mapping[str, Mapping[str, tuple[object, ...]]] = {
     "motor-quadratic-drag": {"drag": (0.03, 0.2)},
     "motor-hysteresis": {"level": (0.05, 0.3), "distance": (0.1, 0.6)},
     "motor-inertia": {"inertia": ("+-", 0.1, 0.4)},
-    "torque-ripple": {"amplitude": (0.03, 0.1), "order": ("one of", 1, 2, 4, 6), "phase": ("+-", 0.1, 3.1)},
+    "torque-ripple": {"amplitude": (0.02, 0.06), "order": ("one of", 1, 2, 3), "phase": ("+-", 0.1, 3.1)},
     "torque-scale": {"error": ("+-", 0.03, 0.15)},
     "torque-offset": {"offset": ("+-", 0.1, 1.0)},
-    "torque-lag": {"time": (2e-4, 2e-3)},
-    "input-delay": {"time": (2e-4, 2e-3)},
-    "motor-coupling": {"ratio": ("+-", 0.01, 0.1), "step": ("one of", 1)},
+    "torque-lag": {"time": (3e-4, 2e-3)},
+    "input-delay": {"time": (3e-4, 2e-3)},
+    "motor-coupling": {"ratio": ("+-", 0.03, 0.15), "step": ("one of", 1)},
     "spring-damping": {"damping": (0.5, 4.0)},
     "spring-hardening": {"cubic": (0.03, 0.2)},
     "backlash": {"gap": (0.2, 1.0)},
@@ -40,12 +40,12 @@ RANGES: Mapping[str, Mapping[str, tuple[object, ...]]] = {
     "link-viscous": {"damping": (0.03, 0.2)},
     "link-coulomb": {"level": (0.03, 0.2)},
     "load-dependent-friction": {"share": (0.05, 0.3)},
-    "cable-stiffness": {"stiffness": (0.002, 0.01)},
+    "cable-stiffness": {"stiffness": (3e-4, 2e-3)},
     "payload": {"mass": (0.1, 0.5), "offset": (0.05, 0.2)},
     "inertial-parameters": {"mass": ("+-", 0.05, 0.3)},
-    "gravity-stiffness": {"share": ("+-", 0.1, 0.5)},
+    "gravity-stiffness": {"share": ("+-", 0.2, 0.6)},
     "joint-zero-offset": {"offset": ("+-", 0.03, 0.15)},
-    "time-offset": {"time": ("+-", 2e-4, 2e-3)},
+    "time-offset": {"time": ("+-", 3e-4, 2e-3)},
     "encoder-eccentricity": {"amplitude": (0.003, 0.03), "order": ("one of", 1, 2), "phase": ("+-", 0.1, 3.1)},
     "locked-joint-elasticity": {"stiffness": (0.5, 2.0)},
     "base-compliance": {"rock": (5.0, 40.0), "turn": (10.0, 80.0)},
@@ -114,7 +114,10 @@ def draws(
     known = {}
     found = []
     for name in order:
-        joints = [j for j in excited if name != "backlash" or _unloaded(chain, robot, j)] or excited
+        upright = [j for j in excited if _unloaded(chain, robot, j)]
+        joints = upright or excited if name == "backlash" else excited
+        if name == "joint-zero-offset":  # turned about gravity an arm is the same arm
+            joints = [j for j in excited if j not in upright] or excited
         joint = int(rng.choice(joints))
         if joint not in known:
             posture = next(q for cell, q in cells if cell == chain.names[joint])
