@@ -4,9 +4,9 @@ The forces of an effect follow from how its port moves, and that is measured: mo
 the motors' own equation, links by what those torques do to them. So a force is a known signal, whatever it depends on,
 and the arm stays linear under it. Nothing is integrated, no steady state is searched.
 
-Links are found from both equations that know of them, weighted by what each is worth: their own, in which the springs
-pull them towards the motors, and that of the motors, which tells the springs' torques. The first is blind at the
-anti-resonances and wrong by what a spring is not linear; the second is as noisy as the torque.
+Links and springs are found from three equations for two unknowns a joint, weighted by what each is worth: the motors' own
+tells the springs' torques, the springs' law what they are wound by, the links' how links answer. Where an effect acts,
+its equation is doubted and the others tell.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from symgen.chain import Chain
 
 #: Samples a period per line of the band: laws with kinks need more than Nyquist's two.
 OVERSAMPLED = 3
-#: What the springs' law is doubted by, relative to their torque, where an effect acts at a spring; and the motors' equation.
-SPRING_DOUBT, MOTOR_DOUBT = 0.03, 1e-3
+#: Error of every equation, relative to the torque in it; and of that in which a force acts that is not known well.
+TRUST, DOUBT = 1e-4, 0.3
 #: Times the forces are computed from the links that they move.
 PASSES = 2
 
@@ -117,16 +117,23 @@ class Moved:
     second: Complex | None
 
 
-def moved(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Moved | None:
-    """Returns how the arm moved, by what was measured and the effects known so far; None where nothing depends on it."""
-    if scene.slopes is None and not any(has_forces(e) for e in effects):
+def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str = "") -> Moved | None:
+    """Returns how the arm moved, by what was measured and the effects known so far; None where nothing depends on it.
+
+    The equations of all joints at the port `doubted` are, too: what an unknown force there would not spoil.
+    """
+    if scene.slopes is None and not any(has_forces(e) for e in effects) and not doubted:
         return None
     wide = scene.wide
     linear = linear_extra(wide, p, effects)
     forceful = [e for e in effects if has_forces(e)]
-    doubted = any(e.port == "spring" for e in forceful)
+    doubts = {
+        port: np.full(len(scene.arm.live), DOUBT if port == doubted else 0.0) for port in ("motor", "spring", "link")
+    }
+    for e in forceful:
+        doubts[e.port if e.port in doubts else "link"][scene.arm.live == e.joint] = DOUBT
     on = _nothing(wide)
-    motion = _motion(wide, p, linear, on, doubted)
+    motion = _motion(wide, p, linear, on, doubts)
     for _ in range(PASSES if forceful else 1):
         on = forces(wide, effects, motion)
         second = None
@@ -134,7 +141,7 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Moved | Non
             second = wide.at_lines(_second_order(wide, p, motion))
             on["link"] += second
         if forceful:
-            motion = _motion(wide, p, linear, on, doubted)
+            motion = _motion(wide, p, linear, on, doubts)
     return Moved(motion, None if second is None else second[: len(scene.lines)])
 
 
@@ -189,31 +196,47 @@ def forces(scene: Scene, effects: Sequence[Effect], motion: Motion) -> dict[str,
     return on
 
 
-def _motion(scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex], doubted: bool) -> Motion:
+def _motion(
+    scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex], doubts: Mapping[str, Array]
+) -> Motion:
     """The motion of all joints, from the measured angles and torques under the forces found so far (joint side)."""
     arm, live, s = scene.arm, scene.arm.live, scene.s[:, None]
-    N, K, m = arm.N, p.K[live], len(live)
+    N, m = arm.N, len(live)
     theta = scene.theta - on["reading"]
     theta = theta if linear.angle_gain is None else theta / linear.angle_gain
     tau = scene.tau if linear.torque_gain is None else scene.tau * linear.torque_gain
-    x, added = theta / N, linear.impedance
+    x, K = theta / N, p.K[live] + s * p.D_spring[live]
     rotor = s**2 * (N**2 * p.J_m[live]) + s * (N**2 * p.D[live])
-    spring = N * tau + on["motor"] - rotor * x
-    to_motors, elastic = stiffness(arm, p, scene.s, added)[2:]
-    by_spring = on["link"] + on["spring"] - (to_motors @ x[..., None])[..., 0]
-    if added is not None:
-        q = np.linalg.solve(elastic, by_spring[..., None])
-        spring = spring - (added[:, :m] @ np.concatenate([x[..., None], q], axis=1))[..., 0]
-    free = elastic - _diagonal(K + s * p.D_spring[live])
+    by_motor = N * tau + on["motor"] - rotor * x
+    by_spring = K * x + on["spring"]
+    links = stiffness(arm, p, scene.s, linear.impedance)[3] - _diagonal(K)
+    by_link = on["link"]
+    if linear.impedance is not None:
+        to_motors, to_links = linear.impedance[:, :m], linear.impedance[:, m:]
+        by_motor = by_motor - (to_motors[:, :, :m] @ x[..., None])[..., 0]  # of links on motors: nothing is that strong
+        by_link = by_link - (to_links[:, :, :m] @ x[..., None])[..., 0]
+
     tau_error, theta_error = scene.noise
-    doubt = SPRING_DOUBT if doubted else 0.0
-    equations = [
-        (elastic, by_spring, np.abs(K + s * p.D_spring[live]) / N * theta_error + doubt * np.abs(spring)),
-        (free, spring + on["link"], N * tau_error + np.abs(rotor) / N * theta_error + MOTOR_DOUBT * np.abs(N * tau)),
+    torque = np.abs(by_motor)
+    errors = {
+        "motor": N * tau_error + np.abs(rotor) / N * theta_error + TRUST * np.abs(N * tau),
+        "spring": np.abs(K) / N * theta_error + TRUST * torque,
+        "link": np.abs(K) / N * theta_error + TRUST * torque,
+    }
+    weight = {port: 1.0 / (error + doubts[port] * (torque + np.abs(on[port]))) for port, error in errors.items()}
+    eye, none = np.eye(m), np.zeros_like(links)
+    rows = [  # of (q, springs' torque)
+        (weight["motor"], np.concatenate([none, none + eye], axis=2), by_motor),
+        (weight["spring"], np.concatenate([_diagonal(K), none + eye], axis=2), by_spring),
+        (weight["link"], np.concatenate([links, none - eye], axis=2), by_link),
     ]
-    weighted = [(A / error[..., None], b / error) for A, b, error in equations]
-    normal = sum(np.swapaxes(A.conj(), 1, 2) @ A for A, _ in weighted)
-    q = np.linalg.solve(normal, sum((np.swapaxes(A.conj(), 1, 2) @ b[..., None]) for A, b in weighted))[..., 0]
+    A = np.concatenate([w[..., None] * row for w, row, _ in rows], axis=1)
+    b = np.concatenate([w * value for w, _, value in rows], axis=1)[..., None]
+    size = np.linalg.norm(A, axis=1)
+    A = A / size[:, None, :]
+    adjoint = np.swapaxes(A.conj(), 1, 2)
+    found = np.linalg.solve(adjoint @ A, adjoint @ b)[..., 0] / size
+    q, spring = found[:, :m], found[:, m:]
 
     stack = np.stack([theta, s * theta, tau, q, s * q, x - q, s * (x - q), spring], axis=1)
     periods = scene.in_time(stack).transpose(1, 0, 2)  # 8, S, m

@@ -51,13 +51,14 @@ def units(lin: Linearised, effect: type[Effect], joint: int | None) -> tuple[flo
 
 def _sizes(lin: Linearised, port: str, joint: int) -> dict[str, float]:
     """Largest rms torque, angle and rate at a port over the records, and the constants of its joint."""
-    port = port if port in ("motor", "spring", "link") else "motor" if port == "sensor" else "link"
-    moved = [m.at(port, joint) for m in lin.motions]
+    port = _side(port)
+    moved = [m.at(port, joint) for m in lin.motions[port]]
     angle, rate, torque = (max(float(np.std(signals)) for signals in kind) for kind in zip(*moved, strict=True))
     p = lin.problem.parameters(lin.vector)
     J = max(float(known(one.scene, p).J[joint, joint]) for one in lin.problem.data)
     motor = port == "motor"
-    mass = sum(float(body.inertia.mass) for body in lin.problem.data[0].scene.chain.joints[-1:])  # type: ignore[union-attr]
+    chain = lin.problem.data[0].scene.chain
+    mass = float(chain.joints[-1].inertia.mass) if chain is not None else 1.0
     tiny = 1e-300
     return {
         "torque": torque + tiny, "angle": angle + tiny, "rate": rate + tiny, "K": float(p.K[joint]),
@@ -65,14 +66,18 @@ def _sizes(lin: Linearised, port: str, joint: int) -> dict[str, float]:
     }  # fmt: skip
 
 
+def _side(port: str) -> str:
+    """The port whose motion an effect sees: that of the motor for sensors, that of the link for the structure."""
+    return port if port in ("motor", "spring", "link") else "motor" if port == "sensor" else "link"
+
+
 def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
     """What `effect` adds to the whitened prediction of each record [L, m], to first order in the effect; None: nothing."""
     kind = type(effect)
     law = kind.force is not Effect.force
     found: list[Complex | None] = []
-    p = lin.problem.parameters(lin.vector)
     for at, (one, W) in enumerate(zip(lin.problem.data, lin.W, strict=True)):
-        scene, motion, ports = one.scene, lin.motions[at], lin.ports[at]
+        scene, motion, ports = one.scene, lin.motions[_side(kind.port)][at], lin.ports[at]
         live = scene.arm.live
         total = np.zeros_like(scene.theta)
         if law and effect.joint in live:
@@ -96,7 +101,6 @@ def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
             if place.size:
                 total = total - lin.A[at][:, :, place[0]] * (np.log1p(share) / lin.problem.scale[column])
         found.append(total if np.any(total) else None)
-    del p
     return found
 
 
@@ -191,7 +195,6 @@ def _orders(lin: Linearised, kind: type[Effect], joint: int, unit: Sequence[floa
     names = [p.name for p in kind.parameters]
     if not own or "phase" not in names:
         return (1.0,)
-    amplitude = unit[names.index("amplitude")]
     sensor = kind.reading is not Effect.reading
     port = "sensor" if sensor else kind.port
     scores = []
@@ -199,7 +202,7 @@ def _orders(lin: Linearised, kind: type[Effect], joint: int, unit: Sequence[floa
         top = 0.0
         bottom = 1e-300
         for k in own:
-            scene, motion = lin.problem.data[k].scene, lin.motions[k]
+            scene, motion = lin.problem.data[k].scene, lin.motions[_side(kind.port)][k]
             wave = np.exp(1j * order * motion.theta[:, joint])
             F = scene.at_lines(np.stack([wave.real, wave.imag], axis=1))
             B = lin.ports[k][port, joint][:, :, None] * F[:, None, :]
@@ -208,7 +211,6 @@ def _orders(lin: Linearised, kind: type[Effect], joint: int, unit: Sequence[floa
             top += float(np.sum(b**2 / np.maximum(own_square, 1e-300)))
             bottom += 1.0
         scores.append(top / bottom)
-    del amplitude
     best = np.argsort(scores)[::-1][:BEST_ORDERS]
     return tuple(float(ORDERS[k]) for k in best)
 
@@ -285,7 +287,7 @@ def curves(lin: Linearised) -> list[Candidate]:
 
 def _curve(lin: Linearised, port: str, joint: int, name: str) -> Candidate | None:
     """One learned curve, knots at quantiles of what the records cover."""
-    here = [variable(m.state(joint), port, name)[0] for m, one in zip(lin.motions, lin.problem.data, strict=True)
+    here = [variable(m.state(joint), port, name)[0] for m, one in zip(lin.motions[port], lin.problem.data, strict=True)
             if joint in one.scene.arm.live]  # fmt: skip
     if not here:
         return None

@@ -7,14 +7,14 @@ parameters), never by correlation alone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import linear_extra
+from ident.acting import linear_extra, moved
 from ident.arm_fit import Held, Problem, in_record, residual
 from ident.arm_model import transfer
 from ident.campaign import Array
@@ -30,12 +30,11 @@ RIDGE = 1e-9
 @dataclass(frozen=True, eq=False)
 class Linearised:
     """A fit about `vector`, all whitened: residuals [one a record: L, m], Jacobians [L, m, C] with their columns [C], of the
-    free parameters in units of `scale`. `W` [one a record: L, m, m]; `motions` how the arm moved in each record."""
+    free parameters in units of `scale`. `W` [one a record: L, m, m]."""
 
     problem: Problem
     vector: Array
     W: tuple[Complex, ...]
-    motions: tuple[Motion, ...]
     r: tuple[Complex, ...]
     A: tuple[Complex, ...]
     columns: tuple[NDArray[np.int64], ...]
@@ -70,10 +69,23 @@ class Linearised:
         return 2.0 * sum(float(np.vdot(r, r).real) for r in self.r)
 
     @cached_property
+    def motions(self) -> dict[str, tuple[Motion, ...]]:
+        """For each port: how the arm moved in each record, found without trusting the equation of that port."""
+        effects, p = self.problem.effects_at(self.vector), self.problem.parameters(self.vector)
+
+        def at(port: str) -> Iterator[Motion]:
+            for one in self.problem.data:
+                how = moved(self.problem.scene(one, effects), in_record(p, effects, one.index), effects, port)
+                assert how is not None
+                yield how.motion
+
+        return {port: tuple(at(port)) for port in ("motor", "spring", "link")}
+
+    @cached_property
     def positions(self) -> tuple[Complex, ...]:
         """(theta / N, q) of the live joints at the lines of each record [L, 2m]."""
         found = []
-        for one, motion in zip(self.problem.data, self.motions, strict=True):
+        for one, motion in zip(self.problem.data, self.motions["motor"], strict=True):
             live = one.scene.arm.live
             signals = np.concatenate([motion.theta[:, live] / motion.N[live], motion.q[:, live]], axis=1)
             found.append(one.scene.at_lines(signals))
@@ -131,8 +143,8 @@ class Linearised:
 
 
 def linearise(problem: Problem, vector: Array, held: Sequence[Held]) -> Linearised:
-    """The fit about `vector`, held as it was fitted; every record needs its motion."""
-    r, A, columns, motions = [], [], [], []
+    """The fit about `vector`, held as it was fitted."""
+    r, A, columns = [], [], []
     for one, kept in zip(problem.data, held, strict=True):
         residuals, slopes, where = residual(problem, vector, one, kept.moved, derive=True)
         use = problem.free[where]
@@ -140,7 +152,5 @@ def linearise(problem: Problem, vector: Array, held: Sequence[Held]) -> Linearis
         r.append((kept.W @ residuals[..., None])[..., 0])
         A.append(kept.W @ (slopes[:, :, use] * problem.scale[where]))
         columns.append(where)
-        assert kept.moved is not None
-        motions.append(kept.moved.motion)
     W = tuple(kept.W for kept in held)
-    return Linearised(problem, vector, W, tuple(motions), tuple(r), tuple(A), tuple(columns))
+    return Linearised(problem, vector, W, tuple(r), tuple(A), tuple(columns))
