@@ -22,6 +22,8 @@ from ident.trace import Linearised
 ORDERS, BEST_ORDERS = tuple(range(1, 101)), 2
 #: Share of a plausible size from which an effect that is not linear in its size is differentiated.
 SMALL = 1e-3
+#: Frequencies over the band, and stiffnesses, at which something on a spring is looked for.
+FREQUENCIES, STIFFNESSES = 24, 6
 #: Knots of a learned curve.
 KNOTS = 9
 #: A first-order size beyond these factors of the one tried says that another one is meant.
@@ -178,6 +180,11 @@ def _shapes(lin: Linearised, kind: type[Effect], joint: int | None, unit: Sequen
             options.append(_orders(lin, kind, joint, unit))
         elif p.name == "record":
             options.append(tuple(float(k + 1) for k in range(1, len(lin.problem.data))))
+        elif p.name == "frequency":
+            top = max(float(one.sampling.f[-1]) for one in lin.problem.data)
+            options.append(tuple(np.geomspace(max(p.low, 2.0), 1.2 * top, FREQUENCIES).tolist()))
+        elif p.relative == "K" and p.zero is None:
+            options.append(tuple((u * np.geomspace(0.4 * min(p.sizes), 4.0 * max(p.sizes), STIFFNESSES)).tolist()))
         elif p.zero is None:
             options.append(tuple(u * size for size in p.sizes))
         else:

@@ -29,16 +29,19 @@ from ident.arm_model import Parameters
 from ident.campaign import Array, Campaign
 from ident.candidates import Candidate, bounds, catalogue, curves, units
 from ident.coupled import DOUBTS, declared_start, problem_of
+from ident.deviations import Deviation, deviations
 from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.frf import Complex, Frf, estimate
 from ident.trace import PORTS, Linearised, linearise
 from symgen.plan import Model
 
-#: Effects added at most.
-MOST_EFFECTS = 4
+#: Effects added at most, and declared numbers corrected.
+MOST_EFFECTS, MOST_OFF = 4, 6
 #: Candidates of the catalogue refitted in each round, and learned curves.
-REFITTED, CURVES = 5, 2
+REFITTED, CURVES = 6, 2
+#: The best of them are, whatever they promise: a promise is of first order.
+SURELY = 3
 #: chi^2 per degree of freedom of a group of lines above which the arm is not explained, and the least of a group's degrees.
 DEPARTURE, LEAST_DOF = 3.0, 40
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
@@ -125,8 +128,19 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
+class Off:
+    """A declared number that is off, held-out errors with it (and all less sure ones) as declared, and with it free;
+    `without` is the model that keeps it."""
+
+    deviation: Deviation
+    before: float
+    after: float
+    without: State
+
+
+@dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was found. `start` is the arm without effects, `end` with them; `status` as in the verdict format."""
+    """What was found. `start` is the arm without effects, `end` with them; `off` declared numbers that it contradicts, surest first; `status` as in the verdict format."""
 
     campaign: Campaign
     model: Model
@@ -135,6 +149,7 @@ class Diagnosis:
     start: State
     end: State
     added: tuple[Added, ...]
+    off: tuple[Off, ...]
     before: Errors
     after: Errors
     departures: tuple[Departure, ...]
@@ -174,7 +189,8 @@ def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None
     guess = declared_start(campaign, model, responses, basis)
     bench = _Bench(campaign, model, basis, split(data, model), guess)
     state = _first(bench)
-    start, added, seen = state, [], []
+    start = state
+    added: list[Added] = []
     progress(f"the declared arm: chi2 {_excess(bench, state):.3g} in excess")
     for _ in range(MOST_EFFECTS):
         if not _departs(bench, state) or (added and _left(bench, start, state) < LEFT):
@@ -185,15 +201,42 @@ def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None
         state, entry = step
         state, entry = _pruned(bench, state, entry, progress)
         added.append(entry)
-        seen.append(entry.effect.name)
     kept = [a for a in added if any(_same(a.effect, e) for e in state.effects)]
     final = tuple(
         replace(a, effect=next(e for e in state.effects if _same(a.effect, e)), std=_std(state, a.effect)) for a in kept
     )
     before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
     left = departures(bench, state) if _left(bench, start, state) > (LEFT if final else 0.0) else ()
-    status = "unexplained" if left else "effect-found" if final else "explained"
-    return Diagnosis(campaign, model, responses, bench.split, start, state, final, before, after, left, status)
+    off = () if left else _off(bench, state)
+    if off:
+        before = errors(bench, off[0].without, bench.split.report) if not final else before
+    status = "unexplained" if left else "effect-found" if final or off else "explained"
+    return Diagnosis(campaign, model, responses, bench.split, start, state, final, off, before, after, left, status)
+
+
+def _off(bench: _Bench, state: State) -> tuple[Off, ...]:
+    """Declared numbers that the fitted arm contradicts, with the errors when they are kept: all, then one less at a time."""
+    found = deviations(bench.campaign, bench.model, bench.basis, state.problem, state.minimum)[:MOST_OFF]
+    result = []
+    report = bench.split.report
+    kept_last = state
+    for k in range(len(found) - 1, -1, -1):  # keep the least sure one, then the two least sure, ..
+        kept = _kept(bench, state, found[k:])
+        result.append(Off(found[k], errors(bench, kept, report).all, errors(bench, kept_last, report).all, kept))
+        kept_last = kept
+    return tuple(reversed(result))
+
+
+def _kept(bench: _Bench, state: State, declared: Sequence[Deviation]) -> State:
+    """The model refitted with these numbers as declared."""
+    problem, vector = state.problem, state.minimum.vector.copy()
+    free = problem.free.copy()
+    for one in declared:
+        vector[one.indices] = one.declared
+        free[one.indices] = False
+    problem = replace(problem, free=free)
+    minimum = minimise(problem, vector, (), 1, roughly=True)
+    return replace(state, minimum=minimum, problem=problem)
 
 
 def _same(a: Effect, b: Effect) -> bool:
@@ -304,7 +347,8 @@ def _round(bench: _Bench, state: State, progress: Callable[[str], None]) -> tupl
     shares = port_shares(lin)
     found = catalogue(lin, state.effects)
     wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
-    short = [c for c in (*found[:REFITTED], *curves(lin)[:CURVES]) if c.gain > wanted]
+    likely = [c for k, c in enumerate(found[:REFITTED]) if c.gain > wanted or k < SURELY]
+    short = [*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted)]
     tried: list[tuple[Candidate, State]] = []
     for candidate in short:
         new = _with(bench, state, candidate, lin)
