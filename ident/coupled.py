@@ -205,20 +205,28 @@ def _result(
         for one, frf in zip(problem.data, responses, strict=True)
     ]
     p = problem.parameters(found.vector)
+    covariance, unseen, std = uncertainty(problem, found)
+    chi2 = found.chi2 / dof
+    fit = CoupledFit(
+        p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring,
+        std[: 4 * n].reshape(4, n) * np.stack([p.K, p.J_m, p.D, p.D_spring]), p.gravity, std[4 * n + D : problem.base],
+        chi2, dof, limit, chi2 <= limit, found.converged, (), _predictions(problem, found.vector, shown, responses),
+    )  # fmt: skip
+    return replace(fit, status=_status(fit, campaign, model))
+
+
+def uncertainty(problem: Problem, found: Minimum) -> tuple[Array, Array, Array]:
+    """Returns the covariance of alpha [D, D], the orthonormal directions of alpha that were not seen [D, k], and the standard
+    deviations of all parameters [P]: relative ones of the drives, whose logarithms are fitted."""
+    n, D = problem.n, problem.D
     values, vectors, seen = spectrum(found.information)
     lifted = np.where(seen, values, UNSEEN_INFORMATION**2)
     covariance = (vectors / lifted) @ vectors.T
     a = slice(4 * n, 4 * n + D)
     spread, directions = np.linalg.eigh(covariance[a, a])
     unseen = np.linalg.qr(problem.scale[a, None] * directions[:, spread > 1.0 / UNSEEN_INFORMATION])[0]
-    std = np.sqrt(np.diag(covariance)) * problem.scale
-    chi2 = found.chi2 / dof
-    fit = CoupledFit(
-        p.alpha, covariance[a, a] * np.outer(problem.scale[a], problem.scale[a]), unseen, p.K, p.J_m, p.D, p.D_spring,
-        std[: 4 * n].reshape(4, n) * np.stack([p.K, p.J_m, p.D, p.D_spring]), p.gravity, std[4 * n + D : problem.base],
-        chi2, dof, limit, chi2 <= limit, found.converged, (), _predictions(problem, found.vector, shown, responses),
-    )  # fmt: skip
-    return replace(fit, status=_status(fit, campaign, model))
+    size = problem.scale[a]
+    return covariance[a, a] * np.outer(size, size), unseen, np.sqrt(np.diag(covariance)) * problem.scale
 
 
 def _predictions(
