@@ -22,8 +22,8 @@ from ident.trace import Linearised
 ORDERS, BEST_ORDERS = tuple(range(1, 101)), 2
 #: Share of a plausible size from which an effect that is not linear in its size is differentiated.
 SMALL = 1e-3
-#: Frequencies over the band, and stiffnesses, at which something on a spring is looked for.
-FREQUENCIES, STIFFNESSES = 24, 6
+#: Frequencies over the band, stiffnesses, and peaks of the residual at which something on a spring is looked for.
+FREQUENCIES, STIFFNESSES, PEAKS = 16, 6, 4
 #: Knots of a learned curve.
 KNOTS = 9
 #: A first-order size beyond these factors of the one tried says that another one is meant.
@@ -182,7 +182,8 @@ def _shapes(lin: Linearised, kind: type[Effect], joint: int | None, unit: Sequen
             options.append(tuple(float(k + 1) for k in range(1, len(lin.problem.data))))
         elif p.name == "frequency":
             top = max(float(one.sampling.f[-1]) for one in lin.problem.data)
-            options.append(tuple(np.geomspace(max(p.low, 2.0), 1.2 * top, FREQUENCIES).tolist()))
+            grid = np.geomspace(max(p.low, 2.0), 1.2 * top, FREQUENCIES).tolist()
+            options.append((*_resonances(lin, joint or 0), *grid))
         elif p.relative == "K" and p.zero is None:
             options.append(tuple((u * np.geomspace(0.4 * min(p.sizes), 4.0 * max(p.sizes), STIFFNESSES)).tolist()))
         elif p.zero is None:
@@ -190,6 +191,33 @@ def _shapes(lin: Linearised, kind: type[Effect], joint: int | None, unit: Sequen
         else:
             options.append((u * p.sizes[0],) if p.linear or _one_of_two(kind) else tuple(u * x for x in p.sizes[:1]))
     yield from (list(values) for values in product(*options))
+
+
+def _resonances(lin: Linearised, joint: int) -> tuple[float, ...]:
+    """Frequencies [Hz] at which the link of a joint seems to carry most: peaks of the dynamic stiffness that is missing there."""
+    pushed: dict[float, complex] = {}
+    square: dict[float, float] = {}
+    for at, one in enumerate(lin.problem.data):
+        live = one.scene.arm.live.tolist()
+        if joint not in live:
+            continue
+        a = lin.ports[at]["link", joint]
+        force = np.sum(a.conj() * lin.r[at], axis=1)
+        weight = np.sum(np.abs(a) ** 2, axis=1)
+        q = lin.positions[at][:, len(live) + live.index(joint)]
+        for f, top, bottom in zip(one.sampling.f.tolist(), q.conj() * force, np.abs(q) ** 2 * weight, strict=True):
+            pushed[f] = pushed.get(f, 0j) + complex(top)
+            square[f] = square.get(f, 0.0) + float(bottom)
+    f = np.array(sorted(pushed))
+    if not len(f):
+        return ()
+    z = np.array([abs(pushed[k]) ** 2 / max(square[k], 1e-300) for k in f])
+    best = []
+    for _ in range(PEAKS):
+        k = int(np.argmax(z))
+        best.append(float(f[k]))
+        z[np.abs(np.log(f / f[k])) < 0.1] = 0.0
+    return tuple(best)
 
 
 def _one_of_two(kind: type[Effect]) -> bool:

@@ -159,12 +159,17 @@ def _starts(
 
 
 def declared_start(campaign: Campaign, model: Model, responses: Sequence[Frf], basis: Array) -> Start:
-    """The declared arm: datasheet (two-mass fits where it is silent), CAD, and a damping of 1 %."""
+    """The declared arm: datasheet (two-mass fits where it is silent), CAD, and the declared damping or 1 %."""
     K, J_m = campaign.K, campaign.J_m
     if not (np.isfinite(K) & np.isfinite(J_m)).all():
         fitted = _two_mass_drives(campaign, responses)
         K, J_m = (np.where(np.isfinite(own), own, other) for own, other in zip((K, J_m), fitted, strict=True))
-    return _damped(campaign, model, responses, K, J_m, model.alpha_cad, basis @ model.chain.parameters)
+    start = _damped(campaign, model, responses, K, J_m, model.alpha_cad, basis @ model.chain.parameters)
+
+    def known(declared: Array | None, guess: Array) -> Array:
+        return guess if declared is None else np.where(np.nan_to_num(declared) > 0.0, declared, guess)
+
+    return replace(start, D=known(campaign.D, start.D), D_spring=known(campaign.D_spring, start.D_spring))
 
 
 def _damped(

@@ -48,8 +48,9 @@ DEPARTURE, LEAST_DOF = 3.0, 40
 LEAST_GAIN, LEAST_SHARE = 40.0, 0.2
 #: A learned curve is preferred to a named effect where it explains this share of the excess more.
 CURVE_SHARE = 0.05
-#: Share of the excess that a found effect may leave: laws are known, the motion they act on is measured.
-LEFT = 3e-3
+#: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured; and below which
+#: nothing more is looked for.
+LEFT, ENOUGH = 0.03, 3e-3
 #: Effects whose chi^2 on the choosing records differ by less than this are not told apart.
 TIE = 12.0
 #: Bands [Hz] in which errors are told, as far as the records reach.
@@ -193,9 +194,9 @@ def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None
     added: list[Added] = []
     progress(f"the declared arm: chi2 {_excess(bench, state):.3g} in excess")
     for _ in range(MOST_EFFECTS):
-        if not _departs(bench, state) or (added and _left(bench, start, state) < LEFT):
+        if not _departs(bench, state) or (added and _left(bench, start, state) < ENOUGH):
             break
-        step = _round(bench, state, progress)
+        step = _round(bench, state, start.select, progress)
         if step is None:
             break
         state, entry = step
@@ -218,10 +219,12 @@ def _off(bench: _Bench, state: State) -> tuple[Off, ...]:
     """Declared numbers that the fitted arm contradicts, with the errors when they are kept: all, then one less at a time."""
     found = deviations(bench.campaign, bench.model, bench.basis, state.problem, state.minimum)[:MOST_OFF]
     result = []
-    report = bench.split.report
+    report, dof = bench.split.report, degrees(bench.split.select)
     kept_last = state
     for k in range(len(found) - 1, -1, -1):  # keep the least sure one, then the two least sure, ..
         kept = _kept(bench, state, found[k:])
+        if kept.select < kept_last.select + LEAST_GAIN + max(state.select - dof, 0.0) / 2.0:
+            continue
         result.append(Off(found[k], errors(bench, kept, report).all, errors(bench, kept_last, report).all, kept))
         kept_last = kept
     return tuple(reversed(result))
@@ -236,7 +239,9 @@ def _kept(bench: _Bench, state: State, declared: Sequence[Deviation]) -> State:
         free[one.indices] = False
     problem = replace(problem, free=free)
     minimum = minimise(problem, vector, (), 1, roughly=True)
-    return replace(state, minimum=minimum, problem=problem)
+    chosen = replace(problem, data=bench.split.select)
+    select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
+    return replace(state, minimum=minimum, problem=problem, select=select)
 
 
 def _same(a: Effect, b: Effect) -> bool:
@@ -340,20 +345,22 @@ def _departs(bench: _Bench, state: State) -> bool:
     return bool(_groups(bench, state, bench.split.fit + bench.split.select)) or _excess(bench, state) > 1.1
 
 
-def _round(bench: _Bench, state: State, progress: Callable[[str], None]) -> tuple[State, Added] | None:
-    """The model with one effect more, if any earns it."""
-    held = hold(state.problem, state.minimum.vector)
-    lin = linearise(state.problem, state.minimum.vector, held)
+def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], None]) -> tuple[State, Added] | None:
+    """The model with one effect more, if any earns it; `first` is chi^2 on the choosing records before any was added."""
+    lin = linearise(state.problem, state.minimum.vector, hold(state.problem, state.minimum.vector))
     shares = port_shares(lin)
-    found = catalogue(lin, state.effects)
     wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
-    likely = [c for k, c in enumerate(found[:REFITTED]) if c.gain > wanted or k < SURELY]
-    short = [*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted)]
+    likely = [c for k, c in enumerate(catalogue(lin, state.effects)[:REFITTED]) if c.gain > wanted or k < SURELY]
+    short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
+    if not state.effects:  # a fit that is far off bends everything else: look from the declared arm, too
+        vector = bench.guess.vector()
+        declared = linearise(state.problem, vector, hold(state.problem, vector))
+        short += [(c, declared) for c in catalogue(declared, ())[:SURELY]]
     tried: list[tuple[Candidate, State]] = []
-    for candidate in short:
-        new = _with(bench, state, candidate, lin)
+    for candidate, origin in short:
+        new = _with(bench, state, candidate, origin)
         tried.append((candidate, new))
-        progress(f"  {_name(candidate.effect)}: {_excess(bench, new):.4g}, promised {candidate.gain:.3g}")
+        progress(f"  {_name(new.effects[-1])}: {_excess(bench, new):.4g}, promised {candidate.gain:.3g}")
     dof = degrees(bench.split.select)
     excess = max(state.select - dof, 1.0)
     named = [pair for pair in tried if pair[0].effect.name != "unknown"]
@@ -361,17 +368,18 @@ def _round(bench: _Bench, state: State, progress: Callable[[str], None]) -> tupl
     best = min(named, key=lambda pair: pair[1].select, default=None)
     curve = min(drawn, key=lambda pair: pair[1].select, default=None)
     if best is None or (
-        curve is not None
-        and best[1].select - curve[1].select > LEAST_GAIN + CURVE_SHARE * (state.select - curve[1].select)
+        curve is not None and best[1].select - curve[1].select > LEAST_GAIN + CURVE_SHARE * (first - curve[1].select)
     ):
         best = curve
     if best is None:
         return None
     gain = state.select - best[1].select
-    if gain < max(LEAST_GAIN, LEAST_SHARE * excess):
+    least = CURVE_SHARE * first if best is curve else 0.0
+    if gain < max(LEAST_GAIN, LEAST_SHARE * excess, least):
         return None
     report = bench.split.report
-    rivals = sorted((pair for pair in tried if pair is not best), key=lambda pair: pair[1].select)
+    winner = best[0].key
+    rivals = sorted((pair for pair in tried if pair[0].key != winner), key=lambda pair: pair[1].select)
     entry = Added(
         effect=best[1].effects[-1],
         std=(),
@@ -394,7 +402,7 @@ def _with(bench: _Bench, state: State, candidate: Candidate, lin: Linearised) ->
     effects = (*state.effects, candidate.effect)
     unit = units(lin, type(candidate.effect), candidate.effect.joint)
     limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
-    vector = np.concatenate([state.minimum.vector, candidate.effect.values])
+    vector = np.concatenate([lin.vector, candidate.effect.values])
     scales, limits = state.scales + candidate.scales, state.limits + limits
     return _fitted(bench, vector, effects, scales, limits)
 
