@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
-from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -14,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident import verdict
-from ident.errors import IdentError
 from ident.fit import PARAMETERS
 from ident.identify import UNSEEN_POSTURES, Identification, Measurement
+from ident.plain import plain, replace_file
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
     from markupsafe import Markup
 
 #: Releases that decide digits and looks of a report.
@@ -68,23 +67,32 @@ def result_document(identification: Identification) -> dict[str, Any]:
         "notes": r.notes,
         "seconds": r.seconds,
     }
-    plain: dict[str, Any] = _plain(document)
-    return plain
+    found: dict[str, Any] = plain(document)
+    return found
+
+
+def environment() -> Environment:
+    """Returns where the pages are made: the templates of this directory and how they write numbers."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    folder = FileSystemLoader(Path(__file__).parent)
+    found = Environment(loader=folder, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    found.filters |= {"number": verdict.number, "percent": _percent, "within": _within, "constant": _constant}
+    return found
+
+
+def software() -> dict[str, str]:
+    """Returns the releases that decide digits and looks of a report."""
+    return {"Python": platform.python_version()} | {name: version(name) for name in SOFTWARE}
 
 
 def html(identification: Identification) -> str:
     """Returns the report as one HTML file that needs nothing else: offline, on paper, on a dark or narrow screen."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
     from ident import figures
 
     r, n, document = identification, identification.campaign.n, result_document(identification)
-    folder = FileSystemLoader(Path(__file__).parent)
-    environment = Environment(
-        loader=folder, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"number": verdict.number, "percent": _percent, "within": _within, "constant": _constant}
     drives = {drive.joint: drive for drive in r.drives}
     joints = [
         {"name": name, "linear": joint.type == "prismatic", "drive": drives.get(name)}
@@ -106,7 +114,7 @@ def html(identification: Identification) -> str:
         {"name": verdict.entry(i, i, n), "along": r.campaign.joints[j], "sigma": sigma, "figure": Markup(svg)}
         for i, j, sigma, svg in figures.sweep_figures(r)
     ]
-    return environment.get_template("report.html.jinja").render(
+    return environment().get_template("report.html.jinja").render(
         r=r,
         document=document,
         joints=joints,
@@ -119,7 +127,7 @@ def html(identification: Identification) -> str:
         entry_name=lambda i, j: verdict.entry(i, j, n),
         limit=figures.RESIDUAL_LIMIT,
         inf=np.inf,
-        software={"Python": platform.python_version()} | {name: version(name) for name in SOFTWARE},
+        software=software(),
     )
 
 
@@ -132,8 +140,8 @@ def write(identification: Identification, directory: str | Path) -> tuple[Path, 
     text = json.dumps(result_document(identification), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     result, report = directory / "result.json", directory / "report.html"
     page = html(identification)
-    _replace(result, text)
-    _replace(report, page)
+    replace_file(result, text)
+    replace_file(report, page)
     return result, report
 
 
@@ -141,21 +149,7 @@ def summary_plot(identification: Identification, path: str | Path) -> None:
     """Writes the responses of all records as one compact SVG file. IdentError if it can not be written."""
     from ident import figures
 
-    _replace(Path(path), figures.summary_figure(identification))
-
-
-def _replace(path: Path, text: str) -> None:
-    """Writes a file complete or not at all, its directory too."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(text, encoding="utf-8", errors="replace")
-        os.replace(part, path)
-    except OSError as error:
-        raise IdentError(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        with suppress(OSError):
-            part.unlink()
+    replace_file(Path(path), figures.summary_figure(identification))
 
 
 def _record(m: Measurement) -> dict[str, Any]:
@@ -248,19 +242,6 @@ def _validation(r: Identification) -> dict[str, Any]:
         for k, m in enumerate(r.measurements)
         if a.redundancy[k] > 0
     }
-
-
-def _plain(value: Any) -> Any:
-    """The value in JSON's own types."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 def _posture(m: Measurement, r: Identification) -> str:

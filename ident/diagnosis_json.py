@@ -1,0 +1,314 @@
+"""A diagnosis for programs: verdict.json, and the corrected arm in the words of result.json. No NaN: what is unknown is null."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.campaign import Campaign
+from ident.confounded import NEVER, Separation, never_told_apart, separation
+from ident.coupled import degrees_of_freedom, uncertainty
+from ident.deviations import PORTS as DECLARED_PORTS
+from ident.deviations import SIGMAS
+from ident.diagnose import LEAST_GAIN, LEAST_SHARE, Added, Diagnosis, Errors, Off, State
+from ident.effects.base import Effect
+from ident.effects.learned import Learned
+from ident.held_out import carried, held_out, noise_floor, sources
+from ident.links import nearest_links
+from ident.plain import plain, replace_file
+from ident.solve import inertia_std
+from symgen.plan import Model
+
+FORMAT, VERSION = "frf-verdict", 1
+#: The file of this name in a result's directory.
+FILE = "verdict.json"
+#: Postures at which J(q) before and after is compared, and their seed.
+POSTURES, SEED = 1000, 0
+#: A port explains what is left when a free force there takes this share of it.
+SOURCE = 0.5
+#: An effect's port shares that are told.
+SHARES_TOLD = 6
+
+
+def verdict_document(d: Diagnosis, file: str | Path, notes: Sequence[str] = ()) -> dict[str, Any]:
+    """Returns verdict.json (format frf-verdict, version 1): plain numbers, lists and strings.
+
+    `file` is where the campaign was read. Units as in the catalogue of effects; errors are relative rms of the excited joint's
+    angle at the excited lines of the records that report.
+    """
+    joints, records = d.campaign.joints, d.campaign.records
+    per_joint, per_band = noise_floor(held_out(d), joints)
+    split = {
+        kind: [records[one.index].id for one in getattr(d.split, kind)] for kind in ("fit", "select", "report")
+    } | {"note": d.split.note}
+    document: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "input": {
+            "file": str(file),
+            "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(),
+            "records": len(records),
+            "kind": "campaign",
+            "source": d.campaign.source,
+        },
+        "status": d.status,
+        "declared": _declared(d),
+        "effects": [_added(d, added) for added in d.added] + [_off(d, off) for off in d.off],
+        "error": {
+            "metric": "relative-rms",
+            "split": split,
+            "before": _errors(d.before),
+            "after": _errors(d.after),
+            "noise_floor": d.after.noise,
+            "noise_per_joint": per_joint,
+            "noise_per_band": per_band,
+        },
+        "inertia": _inertia(d),
+        "unexplained": unexplained(d),
+        "notes": list(notes),
+    }
+    found: dict[str, Any] = plain(document)
+    return found
+
+
+def result_document(d: Diagnosis) -> dict[str, Any]:
+    """Returns result.json for the corrected arm, the keys that `ident fit` promises: units kg m2, N m/rad, N m s/rad."""
+    problem, found, model = d.end.problem, d.end.minimum, d.model
+    p = problem.parameters(found.vector)
+    covariance, unseen, std = uncertainty(problem, found)
+    dof, limit = degrees_of_freedom(problem, found)
+    links = nearest_links(model, p.alpha, covariance, unseen)
+    n = d.campaign.n
+
+    def drive(block: int, values: Any) -> dict[str, Any]:
+        return {"value": values, "std": std[block * n : (block + 1) * n] * values}
+
+    hidden = [model.names[int(np.argmax(np.abs(direction)))] for direction in unseen.T]
+    document: dict[str, Any] = {
+        "robot": model.chain.name,
+        "urdf_sha256": model.chain.sha256,
+        "joints": d.campaign.joints,
+        "alpha": {
+            "names": model.names,
+            "value": p.alpha,
+            "std": np.sqrt(np.diag(covariance)),
+            "unit": model.units,
+            "cad": model.alpha_cad,
+        },
+        "K": drive(0, p.K),
+        "J_m": drive(1, p.J_m),
+        "D": drive(2, p.D),
+        "D_spring": drive(3, p.D_spring),
+        "effects": [
+            {"name": e.name, "joint": _joint(d.campaign, e.joint), "port": e.port, "parameters": _parameters(e, ())}
+            for e in d.end.effects
+        ],
+        "chi2_per_dof": found.chi2 / dof,
+        "chi2_limit": limit,
+        "explained": d.status != "unexplained",
+        "not_identifiable": [
+            {"what": f"a direction of alpha, mostly {name}", "why": "no record shows it; the CAD value is kept",
+             "remedy": "measure more postures: symgen plans them"} for name in hidden
+        ],
+        "physically_consistent": {"ok": links.ok, "distance": links.distance, "alpha": links.alpha},
+        "method": "diagnosed",
+        "records": {record.id: {"excited": record.excited, "posture": record.posture} for record in d.campaign.records},
+    }  # fmt: skip
+    result: dict[str, Any] = plain(document)
+    return result
+
+
+def write(document: dict[str, Any], path: str | Path) -> None:
+    """Writes a document complete or not at all. IdentError naming the file that can not be written."""
+    replace_file(Path(path), json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _joint(campaign: Campaign, joint: int | None) -> str | None:
+    return None if joint is None else campaign.joints[joint]
+
+
+def _errors(errors: Errors) -> dict[str, Any]:
+    return {"all": errors.all, "per_joint": errors.per_joint, "per_band": errors.per_band}
+
+
+def _declared(d: Diagnosis) -> dict[str, Any]:
+    """What the starting model contains, and which of its numbers the fit is free of."""
+    c = d.campaign
+    return {
+        "robot": d.model.chain.name,
+        "urdf_sha256": d.model.chain.sha256,
+        "joints": c.joints,
+        "model": [
+            "rigid links in a chain, J(q) from the URDF",
+            "every joint an elastic one: motor inertia, spring K, viscous friction of motor and spring",
+            "gravity stiffness about each posture",
+            "rigid-body terms of second order: Coriolis, centrifugal, and what J(q) and gravity change by",
+            "locks that give: held motors move as their records say",
+            "torques held between samples" if c.hold == "zoh" else "torques and angles band-limited",
+        ],
+        "free": {
+            "K": c.n, "J_m": c.n, "D": c.n, "D_spring": c.n, "alpha": len(d.model.names),
+            "gravity": d.end.problem.r, "total": d.start.problem.base,
+        },
+        "drives": {name: getattr(c, name) for name in ("K", "J_m", "D", "D_spring")},
+        "gravity": c.gravity,
+        "believed_zeros": len(d.model.factoring.believed),
+        "effects": [],
+    }  # fmt: skip
+
+
+def _parameters(effect: Effect, std: Sequence[float]) -> dict[str, Any]:
+    deviations = std or (float("nan"),) * len(effect.values)
+    return {
+        p.name: {"value": value, "std": None if p.whole else deviation, "unit": p.unit}
+        for p, value, deviation in zip(effect.parameters, effect.values, deviations, strict=True)
+    }
+
+
+def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
+    e, c = added.effect, d.campaign
+    by_record, by_band = carried(d, e)
+    rivals = _distinct(((r.name, r.joint, error) for r, error in added.rivals), e)
+    entry: dict[str, Any] = {
+        "name": e.name,
+        "joint": _joint(c, e.joint),
+        "port": e.port,
+        "parameters": _parameters(e, added.std),
+        "before": added.before,
+        "after": added.after,
+        "evidence": {
+            "statistic": added.gain,
+            "threshold": max(LEAST_GAIN, LEAST_SHARE * added.excess),
+            "meaning": "fall of chi^2 on the records that chose",
+            "excess": added.excess,
+            "records": by_record,
+            "bands": by_band,
+            "port_shares": [
+                {"port": port, "joint": c.joints[joint], "share": share}
+                for port, joint, share in added.port_shares[:SHARES_TOLD]
+            ],
+        },
+        "rivals": [{"name": name, "joint": _joint(c, joint), "after": error} for name, joint, error in rivals],
+        "confounded_with": _confounded(c, e.name, e.joint, [(t.name, t.joint) for t in added.tied]),
+    }
+    if isinstance(e, Learned):
+        entry["curve"] = {"variable": e.variable, "knots": list(e.knots), "heights": list(e.values), "unit": "Nm"}
+    return entry
+
+
+def _off(d: Diagnosis, off: Off) -> dict[str, Any]:
+    """A declared number that is off, as an effect."""
+    one, c = off.deviation, d.campaign
+    values = {name: {"value": value, "std": std, "unit": unit} for name, value, std, unit in one.values}
+    return {
+        "name": one.name,
+        "joint": _joint(c, one.joint),
+        "port": DECLARED_PORTS[one.name],
+        "parameters": values,
+        "before": off.before,
+        "after": off.after,
+        "evidence": {
+            "statistic": one.sigmas,
+            "threshold": SIGMAS,
+            "meaning": "standard deviations between declared and fitted",
+            "records": {},
+            "bands": {},
+            "port_shares": [],
+        },
+        "rivals": [],
+        "confounded_with": _confounded(c, one.name, one.joint, one.tied),
+    }
+
+
+def _distinct(rivals: Iterable[tuple[str, int | None, float]], e: Effect) -> list[tuple[str, int | None, float]]:
+    """Each rival once, with its best error; not the effect itself."""
+    best: dict[tuple[str, int | None], float] = {}
+    for name, joint, error in rivals:
+        if (name, joint) != (e.name, e.joint):
+            best[name, joint] = min(error, best.get((name, joint), np.inf))
+    return [(name, joint, error) for (name, joint), error in best.items()]
+
+
+def _confounded(
+    c: Campaign, name: str, joint: int | None, tied: Iterable[tuple[str, int | None]]
+) -> list[dict[str, Any]]:
+    """What these records do not tell from an effect, and what no record of this kind ever does."""
+    never = never_told_apart(name, joint, c.n)
+    found: dict[tuple[str, int | None], Separation] = {(other, joint): NEVER for other in never}
+    for other, place in tied:
+        if (other, place) != (name, joint):
+            found.setdefault((other, place), separation(name, other, joint == place))
+    return [
+        {"name": other, "joint": _joint(c, place), "separate_by": by.separate_by, "recipe": by.recipe}
+        for (other, place), by in found.items()
+    ]
+
+
+def _inertia(d: Diagnosis) -> dict[str, Any]:
+    """alpha before and after, and by how much J(q) was wrong, relative to sqrt(J_ii J_jj), at random postures."""
+    first = d.off[0].without if d.off and not d.added else d.start
+    q = d.model.random_postures(POSTURES, np.random.default_rng(SEED))
+    alpha = [state.problem.parameters(state.minimum.vector).alpha for state in (first, d.end)]
+    before, after = (d.model.J(q, a) for a in alpha)
+    diagonal = np.sqrt(np.maximum(np.einsum("pii->pi", after), 1e-300))
+    change = (before - after) / (diagonal[:, :, None] * diagonal[:, None, :])
+    covariance, unseen, _ = uncertainty(d.end.problem, d.end.minimum)
+    std = inertia_std(d.model.J_rows(q), covariance, unseen) / (diagonal[:, :, None] * diagonal[:, None, :])
+    return {
+        "alpha_before": _alpha(d.model, first),
+        "alpha_after": _alpha(d.model, d.end),
+        "J": {
+            "postures": POSTURES,
+            "seed": SEED,
+            "change_rms": np.sqrt(np.mean(change**2, axis=0)),
+            "change_largest": np.abs(change).max(axis=0),
+            "std_after": np.sqrt(np.mean(std**2, axis=0)),
+            "relative_to": "sqrt(J_ii J_jj)",
+        },
+    }
+
+
+def _alpha(model: Model, state: State) -> dict[str, Any]:
+    """{name: value, std, unit}; a direction that was not seen has no standard deviation."""
+    value = state.problem.parameters(state.minimum.vector).alpha
+    covariance, unseen, _ = uncertainty(state.problem, state.minimum)
+    std = np.sqrt(np.diag(covariance))
+    std[np.abs(unseen).max(axis=1, initial=0.0) > 1e-6] = np.nan
+    return {
+        name: {"value": v, "std": s, "unit": unit}
+        for name, v, s, unit in zip(model.names, value, std, model.units, strict=True)
+    }
+
+
+def unexplained(d: Diagnosis) -> list[dict[str, Any]]:
+    """What stays, band by band, largest first: where a free force would explain most of it, else where it is measured; odd
+    and even lines (None where the excited ones alone tell and are of both kinds)."""
+    bands = list(dict.fromkeys((one.low, one.high) for one in d.departures))
+    if not bands:
+        return []
+    odd_only = all(bool(np.all(record.lines % 2)) for record in d.campaign.records)
+    rows = []
+    for (low, high), source in zip(bands, sources(d, bands), strict=True):
+        here = [one for one in d.departures if (one.low, one.high) == (low, high)]
+        kinds = {one.kind for one in here}
+        measured = max(here, key=lambda one: one.share).joint
+        clear = source is not None and source[2] > SOURCE
+        rows.append(
+            {
+                "joint": d.campaign.joints[source[1] if clear and source else measured],
+                "port": source[0] if clear and source else None,
+                "band_hz": [low, high],
+                "odd": True if "odd" in kinds or ("excited" in kinds and odd_only) else None if "excited" in kinds else False,
+                "even": True if "even" in kinds else None if "excited" in kinds and not odd_only else False,
+                "share": sum(one.share for one in here),
+                "chi2_per_dof": max(one.level for one in here),
+                "measured_at": sorted({d.campaign.joints[one.joint] for one in here}),
+                "source_share": source[2] if source else None,
+            }
+        )  # fmt: skip
+    return sorted(rows, key=lambda row: -float(row["share"]))

@@ -1,0 +1,227 @@
+"""What a diagnosis looks like from outside: held-out responses before and after, the force an effect was, who carries it.
+
+Everything is computed from the diagnosis as it ended; nothing is fitted here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ident.acting import has_forces
+from ident.arm_fit import Evidence, Problem, hold, residual
+from ident.campaign import Array
+from ident.diagnose import EDGES, Diagnosis, State
+from ident.effects.base import Effect, Motion
+from ident.frf import Complex
+from ident.trace import PORTS, Linearised, linearise
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """The excited joint's angle in a record that reports, at its excited lines f [L, Hz]: the torque `tau`, what was measured
+    `theta`, what each model leaves of it, `before` and `after`, and the standard deviation `noise` [L] of it by noise."""
+
+    record: int
+    joint: int
+    f: Array
+    tau: Complex
+    theta: Complex
+    before: Complex
+    after: Complex
+    noise: Array
+
+
+def held_out(d: Diagnosis) -> tuple[HeldOut, ...]:
+    """Returns the records that report, with the errors of the first model and of the last one."""
+    first = d.off[0].without if d.off and not d.added else d.start
+    rows = []
+    for one, before, after in zip(
+        d.split.report, _left(first, d.split.report), _left(d.end, d.split.report), strict=True
+    ):
+        k = int(np.flatnonzero(one.scene.arm.live == one.excited)[0])
+        use = one.is_excited & one.use
+        noise = np.sqrt(np.sum(np.abs(np.linalg.inv(after[1][use])[:, k]) ** 2, axis=1))
+        scene = one.scene
+        rows.append(
+            HeldOut(
+                one.index, one.excited, one.sampling.f[use], scene.tau[use, k], scene.theta[use, k],
+                before[0][use, k], after[0][use, k], noise,
+            )
+        )  # fmt: skip
+    return tuple(rows)
+
+
+def _left(state: State, data: Sequence[Evidence]) -> list[tuple[Complex, Complex]]:
+    """theta - G tau [L, m] of each record, and its weights [L, m, m]: of all lines, judged or not."""
+    whole = tuple(replace(one, judged=None) for one in data)
+    problem = replace(state.problem, data=whole)
+    held = hold(problem, state.minimum.vector)
+    return [
+        (residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W)
+        for one, kept in zip(whole, held, strict=True)
+    ]
+
+
+def noise_floor(rows: Sequence[HeldOut], joints: Sequence[str]) -> tuple[dict[str, float], dict[str, float]]:
+    """Returns what noise alone makes of the relative rms error: per joint, per band."""
+    joint = np.concatenate([np.full(len(row.f), row.joint) for row in rows])
+    f = np.concatenate([row.f for row in rows])
+    share = np.concatenate([(row.noise / np.maximum(np.abs(row.theta), 1e-150)) ** 2 for row in rows])
+    per_joint = {joints[j]: float(np.sqrt(share[joint == j].mean())) for j in np.unique(joint).tolist()}
+    bands = {f"{a:g}-{b:g} Hz": (f >= a) & (f < b) for a, b in pairwise(EDGES)}
+    return per_joint, {name: float(np.sqrt(share[use].mean())) for name, use in bands.items() if use.any()}
+
+
+def without(state: State, effect: Effect) -> tuple[Problem, Array]:
+    """Returns the model with one of its effects taken out, all else as it is, and its vector."""
+    problem, vector = state.problem, state.minimum.vector
+    keep, k = np.ones(len(vector), dtype=bool), problem.base
+    for e in state.effects:
+        keep[k : k + len(e.values)] = not same(e, effect)
+        k += len(e.values)
+    fewer = replace(
+        problem, effects=tuple(e for e in state.effects if not same(e, effect)), scale=problem.scale[keep],
+        low=problem.low[keep], high=problem.high[keep], free=problem.free[keep],
+    )  # fmt: skip
+    return fewer, vector[keep]
+
+
+def same(a: Effect, b: Effect) -> bool:
+    """Whether two effects are one, whatever its size."""
+    return (a.name, a.joint, a.port) == (b.name, b.joint, b.port)
+
+
+@dataclass(frozen=True, eq=False)
+class Force:
+    """What acted at a port of a joint in one record, at S instants: `found` from the records without a law, `law` the effect's.
+
+    `position`, `velocity`, `torque` [S] are the port's own. Units of the port; an angle error [rad] where it is a sensor.
+    `share` of the record's excess that the force explains.
+    """
+
+    record: int
+    port: str
+    joint: int
+    found: Array
+    law: Array
+    position: Array
+    velocity: Array
+    torque: Array
+    share: float
+
+
+def reconstructed(d: Diagnosis, effect: Effect) -> Force | None:
+    """Returns the force that the records want where the effect acts, in the record that shows it best; None for an effect of
+    the structure or of the whole arm, which has no port."""
+    if effect.joint is None or effect.port not in PORTS:
+        return None
+    problem, vector = without(d.end, effect)
+    lin = linearise(problem, vector, hold(problem, vector))
+    key = (effect.port, effect.joint)
+    powers = [
+        float(np.sum(np.abs(_along(ports[key], r)[1]) ** 2)) if key in ports else 0.0
+        for ports, r in zip(lin.ports, lin.r, strict=True)
+    ]
+    at = int(np.argmax(powers))
+    one, ports, r = lin.problem.data[at], lin.ports[at], lin.r[at]
+    if key not in ports:
+        return None
+    force, clear = _along(ports[key], r)
+    force = force * np.maximum(
+        1.0 - 1.0 / np.maximum(np.abs(clear) ** 2, 1.0), 0.0
+    )  # Wiener: what noise is, is left out
+    with_it = d.end.problem.data[at]
+    full = hold(replace(d.end.problem, data=(with_it,)), d.end.minimum.vector)[0]
+    moved = full.moved
+    assert moved is not None
+    motion = moved.motion
+    left = residual(d.end.problem, d.end.minimum.vector, with_it, moved)[0]
+    explained = r - (lin.W[at] @ left[..., None])[..., 0]
+    law = _law(effect, motion)
+    scene = one.scene
+    if law is None:
+        shown = scene.in_time(_along(ports[key], explained)[0][:, None])[:, 0]
+        level = 0.0
+    else:
+        shown, level = law, float(law.mean())
+    x, v, torque = motion.at(effect.port, effect.joint)
+    excess = max(2.0 * float(np.sum(np.abs(r) ** 2)) - 2.0 * r.size, 1e-300)
+    return Force(
+        one.index, effect.port, effect.joint, scene.in_time(force[:, None])[:, 0] + level, shown, x, v, torque,
+        2.0 * powers[at] / excess,
+    )  # fmt: skip
+
+
+def _law(effect: Effect, motion: Motion) -> Array | None:
+    """The effect's own force [S], where it is one of the motion."""
+    if not has_forces(effect):
+        return None
+    law = effect.reading(motion) if effect.port == "sensor" else effect.force(motion)
+    return None if law is None else np.asarray(law)
+
+
+def _along(a: Complex, r: Complex) -> tuple[Complex, Complex]:
+    """The force [L] at a port whose unit adds `a` [L, m] to the whitened angles, from residuals r [L, m]; and the same in its
+    own standard deviations."""
+    size = np.maximum(np.sum(np.abs(a) ** 2, axis=1), 1e-300)
+    product = np.sum(a.conj() * r, axis=1)
+    return product / size, product / np.sqrt(size)
+
+
+def carried(d: Diagnosis, effect: Effect) -> tuple[dict[str, float], dict[str, float]]:
+    """Returns which records, and which bands, miss the effect when it is taken out of the last model: shares of chi^2 on the
+    records that chose it."""
+    fewer, vector = without(d.end, effect)
+    by_record: dict[str, float] = {}
+    by_band: dict[str, float] = {}
+    fewer, full = replace(fewer, data=d.split.select), replace(d.end.problem, data=d.split.select)
+    less, more = hold(fewer, vector), hold(full, d.end.minimum.vector)
+    for one, kept, whole in zip(d.split.select, less, more, strict=True):
+        r = residual(fewer, vector, one, kept.moved)[0]
+        s = residual(full, d.end.minimum.vector, one, whole.moved)[0]
+        a, b = ((kept.W @ x[..., None])[..., 0] for x in (r, s))
+        fall = 2.0 * np.sum(np.abs(a) ** 2 - np.abs(b) ** 2, axis=1)
+        name = d.campaign.records[one.index].id
+        by_record[name] = by_record.get(name, 0.0) + float(fall.sum())
+        for low, high in pairwise(EDGES):
+            use = (one.sampling.f >= low) & (one.sampling.f < high)
+            if use.any():
+                band = f"{low:g}-{high:g} Hz"
+                by_band[band] = by_band.get(band, 0.0) + float(fall[use].sum())
+    total = sum(by_record.values())
+    if not total > 0.0:
+        return {}, {}
+    return _largest(by_record, total), _largest(by_band, total)
+
+
+def _largest(parts: dict[str, float], total: float) -> dict[str, float]:
+    """The parts above a hundredth as shares, largest first."""
+    shares = {name: part / total for name, part in sorted(parts.items(), key=lambda item: -item[1])}
+    return {name: share for name, share in shares.items() if share > 0.01}
+
+
+def sources(d: Diagnosis, bands: Sequence[tuple[float, float]]) -> list[tuple[str, int, float] | None]:
+    """Returns for each band [Hz] the (port, joint) whose free force explains most of what the last model leaves there, and
+    its share of it; None where nothing is left."""
+    problem, vector = d.end.problem, d.end.minimum.vector
+    lin = linearise(problem, vector, hold(problem, vector))
+    return [_source(lin, low, high) for low, high in bands]
+
+
+def _source(lin: Linearised, low: float, high: float) -> tuple[str, int, float] | None:
+    gained: dict[tuple[str, int], float] = {}
+    total = 0.0
+    for one, r, ports in zip(lin.problem.data, lin.r, lin.ports, strict=True):
+        use = one.use & (one.sampling.f >= low) & (one.sampling.f < high)
+        total += 2.0 * float(np.sum(np.abs(r[use]) ** 2)) - 2.0 * r[use].size
+        for key, a in ports.items():
+            clear = _along(a[use], r[use])[1]
+            gained[key] = gained.get(key, 0.0) + 2.0 * float(np.sum(np.abs(clear) ** 2)) - 2.0 * int(use.sum())
+    if not gained or total <= 0.0:
+        return None
+    port, joint = max(gained, key=lambda key: gained[key])
+    return port, joint, gained[port, joint] / total
