@@ -71,8 +71,9 @@ def _parser() -> argparse.ArgumentParser:
         )
         sub.add_argument(
             "--method",
-            default="two-mass",
-            help="two-mass (default), three-point (the paper's reading), or coupled (all records and motors in one fit)",
+            default="coupled",
+            help="coupled (default: all records and motors in one fit); record by record modal, two-mass, three-point (the "
+            "paper's reading); or all: these side by side, the files those of coupled",
         )
         sub.add_argument("--brief", action="store_true", help="print the first few notes only")
     fit.add_argument(
@@ -126,8 +127,8 @@ def _check(options: argparse.Namespace) -> None:
     if "method" in options:
         from ident.identify import METHODS
 
-        if options.method not in METHODS:
-            raise IdentError(f"method {options.method!r}: expected one of {', '.join(METHODS)}")
+        if options.method not in (*METHODS, "all"):
+            raise IdentError(f"method {options.method!r}: expected one of {', '.join(METHODS)}, all")
     if getattr(options, "out", None) is None:
         return
     if options.command in ("run", "fit", "export"):
@@ -263,18 +264,29 @@ def _directory(path: str) -> Path:
 def _identified(campaign: Campaign, believe_zeros: bool | None, out: Path, options: argparse.Namespace) -> int:
     from ident import report
     from ident.export import write_identified
-    from ident.identify import identify
+    from ident.identify import METHODS, identify
+    from ident.side_by_side import comparison, table
     from symgen.robot import load_robot
 
-    result = identify(campaign, method=options.method, believe_zeros=believe_zeros, progress=_progress(options))
+    every = options.method == "all"
+    method = METHODS[0] if every else options.method
+    result = identify(campaign, method=method, believe_zeros=believe_zeros, progress=_progress(options))
+    others = [
+        identify(campaign, method=other, believe_zeros=believe_zeros, progress=_progress(options))
+        for other in (METHODS[1:] if every else ())
+    ]
     _directory(str(out))
     report.write(result, out)
     report.summary_plot(result, out / "responses.svg")
     write_identified(result, out, load_robot(options.robot) if options.command == "run" else None)
     document = report.result_document(result)
+    if every:
+        document["methods"] = comparison([result, *others])
     if options.json:
         print(json.dumps(document, ensure_ascii=False))
     else:
+        if every:
+            print(table(document["methods"]))
         _print(result, document, out, options.brief)
     return 1 if _doubtful(result, document) else 0
 

@@ -14,6 +14,7 @@ from scipy.stats import chi2
 
 from ident.campaign import Array
 from ident.fit import PARAMETERS, TwoMass
+from ident.modal import Modal
 from ident.solve import CONFIDENCE, Combined, combine
 
 _SHARED = ("K", "J_m")
@@ -38,10 +39,10 @@ class SharedDrive:
     agrees: bool
 
 
-def share(joint: str, fits: Sequence[TwoMass]) -> SharedDrive:
+def share(joint: str, fits: Sequence[TwoMass | Modal]) -> SharedDrive:
     """Returns what the fits [R] of one joint's records say together: generalised least squares on (K, J_m, J_l) of each.
 
-    A record that two masses do not explain enters with its covariance times its chi^2 per degree of freedom.
+    A record that its model does not explain enters with its covariance times its chi^2 per degree of freedom.
     """
     use = [PARAMETERS.index(name) for name in (*_SHARED, "J_l")]
     values = np.array([fit.parameters[use] for fit in fits])
@@ -80,5 +81,5 @@ def share(joint: str, fits: Sequence[TwoMass]) -> SharedDrive:
     return SharedDrive(joint, **combined, J_l=J_l, covariance=spread, chi2=misfit, dof=dof, agrees=True)
 
 
-def _std(fit: TwoMass, name: str) -> float:
+def _std(fit: TwoMass | Modal, name: str) -> float:
     return float(fit.std_inflated[PARAMETERS.index(name)])

@@ -12,7 +12,7 @@ from ident.campaign import Array, Campaign
 from ident.canvas import CAD, DATA, EVEN, FIT, GRID, INK, MUTED, ODD, dots, drawing, logarithmic
 from ident.fit import predict
 from ident.frf import Complex
-from ident.identify import Identification, Measurement
+from ident.identify import OF_TWO_MASSES, Identification, Measurement
 from ident.verdict import entry
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def response(m: Measurement, campaign: Campaign) -> Response:
         declared[5] = 0.0
     N, fs, hold = float(campaign.N[i]), campaign.fs, campaign.hold
     at_lines = m.G_model[frf.usable]
-    if m.method == "coupled":  # known at the lines only
+    if m.method not in OF_TWO_MASSES:  # known at the lines only
         fine, at_fine = f, at_lines
     else:
         near = 1.0 + np.linspace(-0.04, 0.04, 33)
@@ -81,11 +81,11 @@ def frf_figure(m: Measurement, campaign: Campaign) -> str:
         figure.subplots_adjust(left=0.115, right=0.985, top=0.885, bottom=0.09, hspace=0.15)
         _magnitude(size, r)
         size.set_ylabel("|velocity / torque| [rad/s per N m]")
-        for f in (fit.f_AR, fit.f_R) if m.method != "coupled" else ():
+        for f in (fit.f_AR, fit.f_R) if m.method in OF_TWO_MASSES else ():
             if r.f[0] < f < r.f[-1]:
                 for axes in (size, phase, misfit):
                     axes.axvline(f, color=MUTED, linewidth=0.9, linestyle=(0, (1, 1.5)))
-        if m.method != "coupled":
+        if m.method in OF_TWO_MASSES:
             at = float(np.clip(np.sqrt(fit.f_AR * fit.f_R), r.f[0], r.f[-1]))
             right = at**2 > r.f[0] * r.f[-1]
             size.text(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -126,10 +127,13 @@ def three_point(frf: Frf, N: float) -> ThreePoint:
     return ThreePoint(frf.joint, float(f[dip]), float(f[peak]), float(J_m), float(K), float(J_l), tuple(status))
 
 
-def two_mass(frf: Frf, N: float, fs: float, hold: str, start: ArrayLike | None = None) -> TwoMass:
+def two_mass(
+    frf: Frf, N: float, fs: float, hold: str, start: ArrayLike | None = None, tries: int | None = None
+) -> TwoMass:
     """Returns the flexible joint that explains the excited joint's response best: maximum likelihood over all lines.
 
-    Only the usable lines count. `start` [6] replaces the automatic start values. Raises IdentError for less than 6 of
+    Only the usable lines count. `start` [6] replaces the automatic start values, of which `tries` are used (None: until one
+    explains the data). Raises IdentError for less than 6 of
     them or an unknown hold. What cannot be told from the data is said in `status`. Source: (1)-(6); weighting as in
     Pintelon & Schoukens, chapter 9.
     """
@@ -141,7 +145,7 @@ def two_mass(frf: Frf, N: float, fs: float, hold: str, start: ArrayLike | None =
     limit = chi2_limit(len(f), dof, frf.dof, frf.width)
     starts = iter([_vector(start)]) if start is not None else starts_of(f, G, sigma, N, fs, hold)
     best, cost, converged = np.zeros(len(PARAMETERS)), np.inf, False
-    for guess in starts:  # made one by one: most records need only the first
+    for guess in islice(starts, tries):  # made one by one: most records need only the first
         p, c, success = _least_squares(guess, f, G, sigma, (N, fs, hold))
         if c < cost:
             best, cost, converged = p, c, success

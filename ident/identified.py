@@ -32,6 +32,9 @@ _ON_STEP = 0.05
 _SAMPLES = 20_000
 _ARRAYS = ("gravity", "alpha", "covariance", "unseen")
 
+#: What robot.toml says of a drive that nothing was found of.
+_UNSEEN = "no record excites this joint: K and J_m as declared, or typical; damping 1 %"
+
 
 @dataclass(frozen=True)
 class Identified:
@@ -109,7 +112,8 @@ def of_identification(identification: Identification, robot: Robot | None = None
     """Returns the arm that was identified. A drive that no record excited keeps what was declared, else a plain one's."""
     r = identification
     if r.coupled is not None:
-        numbers, notes = [r.coupled.K, r.coupled.J_m, r.coupled.D, r.coupled.D_spring], ("",) * r.campaign.n
+        numbers = [r.coupled.K, r.coupled.J_m, r.coupled.D, r.coupled.D_spring]
+        notes = tuple(_UNSEEN if std > K else "" for K, std in zip(r.coupled.K, r.coupled.drive_std[0], strict=True))
     else:
         numbers, notes = _separate_drives(r)
     return of_parts(
@@ -201,7 +205,7 @@ def _separate_drives(r: Identification) -> tuple[list[Array], tuple[str, ...]]:
     for i, joint in enumerate(c.joints):
         drive = next((drive for drive in r.drives if drive.joint == joint), None)
         if drive is None:
-            notes.append("no record excites this joint: K and J_m as declared, or typical; damping 1 %")
+            notes.append(_UNSEEN)
             continue
         fits = [m.two_mass for m in r.measurements if m.index == i]
         D_spring[i] = np.median([fit.D_spring for fit in fits])

@@ -6,11 +6,12 @@ Reads nothing but the campaign. What was simulated and what was measured look th
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ident.arm_fit import live_joints
 from ident.campaign import Array, Campaign, Record
 from ident.coupled import DRIVES, CoupledFit, fit_coupled
 from ident.drive import SharedDrive, share
@@ -18,11 +19,14 @@ from ident.errors import IdentError
 from ident.fit import ThreePoint, TwoMass, predict, three_point, two_mass
 from ident.frf import Complex, Frf, estimate
 from ident.links import nearest_links
+from ident.modal import Modal, modal
 from ident.physical import Consistency
 from ident.solve import Alpha, Combined, inertia_std, solve
 from symgen.plan import Model, model_of_urdf
 
-METHODS = ("two-mass", "three-point", "coupled")
+METHODS = ("coupled", "modal", "two-mass", "three-point")
+#: Methods that read one anti-resonance and one resonance from a record.
+OF_TWO_MASSES = ("two-mass", "three-point")
 
 #: Postures never measured, at which J(q) is compared with CAD.
 UNSEEN_POSTURES = 1000
@@ -39,7 +43,7 @@ class Measurement:
     """One record and what was read from it: `J` [kg m2] with `std` is the J_ii(q) found at its posture; `J_cad` declared.
 
     `G_model` [L] is the response theta / tau of the excited joint by the method's model (by two masses for "three-point",
-    which has none for all lines); `explained` when the misfit `chi2_per_dof` stays below `chi2_limit`. With "coupled" all
+    which has none for all lines); `two_mass` with other methods a quick fit, to compare; `explained` when the misfit `chi2_per_dof` stays below `chi2_limit`. With "coupled" all
     records stand or fall together, and chi2_per_dof is that of the excited joint alone.
     """
 
@@ -101,14 +105,14 @@ class Identification:
 def identify(
     campaign: Campaign,
     *,
-    method: str = "two-mass",
+    method: str = "coupled",
     believe_zeros: bool | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
     """Returns everything the campaign tells about the arm; sections II-A and III-C of the paper, put right.
 
-    `method` "two-mass" (weighted least squares on all lines, each record on its own), "three-point" (the paper's reading,
-    to compare) or "coupled" (all records and all motors in one fit: right where the locks are not rigid);
+    `method` "coupled" (all records and all motors in one fit: right where the locks are not rigid), or to compare, each record
+    on its own: "modal" (all mode pairs of the excited motor), "two-mass" (least squares), "three-point" (the paper's reading);
     `believe_zeros` None believes the URDF's exact zeros only where the records do not determine the arm without.
     Raises IdentError for a campaign without records or an unknown method, SymgenError for a URDF that does not fit.
     """
@@ -118,23 +122,30 @@ def identify(
         raise IdentError("the campaign holds no records")
     clock = time.perf_counter
     start = clock()
-    model, notes = _model(campaign, believe_zeros, method)
-    seconds = {"model": clock() - start}
-
-    start = clock()
     responses = []
     for record in campaign.records:
         if progress:
             progress(f"record {record.id}: {record.excited}")
         responses.append(_response(record, campaign))
-    seconds["frf"] = clock() - start
+    seconds = {"frf": clock() - start}
 
     start = clock()
-    three = [three_point(frf, campaign.N[frf.index]) for frf in responses]
-    two = [two_mass(frf, campaign.N[frf.index], campaign.fs, campaign.hold) for frf in responses]
+    model, notes = _model(campaign, responses, believe_zeros, method)
+    seconds["model"] = clock() - start
+
+    start = clock()
     q = np.array([record.posture for record in campaign.records])
     index = np.array([frf.index for frf in responses])
     cells = np.arange(len(q))
+    J_declared = model.J_cad(q)
+    three = [three_point(frf, campaign.N[frf.index]) for frf in responses]
+    two = [
+        two_mass(frf, campaign.N[frf.index], campaign.fs, campaign.hold, tries=None if method in OF_TWO_MASSES else 1)
+        for frf in responses
+    ]
+    fits: Sequence[TwoMass | Modal] = two
+    if method == "modal":
+        fits = [modal(frf, campaign, J) for frf, J in zip(responses, J_declared, strict=True)]
     coupled = fit_coupled(campaign, model, responses) if method == "coupled" else None
     seconds["fit"] = clock() - start
 
@@ -146,17 +157,17 @@ def identify(
         drives = _coupled_drives(campaign, coupled)
         J, std = rows @ alpha_all, inertia_std(rows, covariance, unseen)
     else:
-        drives = _drives(campaign, two)
-        J, spread = _inertias(campaign, method, three, two, drives)
+        drives = _drives(campaign, fits)
+        J, spread = _inertias(campaign, method, three, drives, index)
         alpha = solve(model.C_rows(q)[cells, index], J, spread, index, np.array(model.alpha_joint[: model.d]))
         alpha_all, covariance, unseen = _with_cad(model, alpha)
         std = np.sqrt(np.diag(spread))
     physical = _possible_links(model, alpha_all, covariance, unseen)
     seconds["solve"] = clock() - start
 
-    J_cad = model.J_cad(q)[cells, index, index]
+    J_cad = J_declared[cells, index, index]
     measurements = tuple(
-        _measurement(campaign, k, method, responses[k], three[k], two[k], coupled, (J[k], std[k], J_cad[k]))
+        _measurement(campaign, k, method, responses[k], three[k], two[k], coupled or fits[k], (J[k], std[k], J_cad[k]))
         for k in range(len(q))
     )
     fitted = all(drive.agrees for drive in drives) and alpha.agrees
@@ -174,9 +185,9 @@ def identify(
         consistency=physical,
         chi2_per_dof=coupled.chi2_per_dof
         if coupled
-        else float(sum(fit.chi2_per_dof * fit.dof for fit in two) / sum(fit.dof for fit in two)),
+        else float(sum(fit.chi2_per_dof * fit.dof for fit in fits) / sum(fit.dof for fit in fits)),
         explained=all(measured.explained for measured in measurements) and fitted,
-        notes=(*notes, *_notes(model, responses, two, drives, alpha, physical, coupled)),
+        notes=(*notes, *_notes(model, responses, fits, drives, alpha, physical, coupled)),
         seconds=seconds,
     )
 
@@ -200,17 +211,19 @@ def _measurement(
     frf: Frf,
     three: ThreePoint,
     two: TwoMass,
-    coupled: CoupledFit | None,
+    fit: CoupledFit | TwoMass | Modal,
     found: tuple[float, float, float],
 ) -> Measurement:
     """Record k with its model's response and misfit; `found` is J, its standard deviation, and CAD's J."""
-    if coupled is None:
-        G = predict(two.parameters, frf.frequencies, float(campaign.N[frf.index]), campaign.fs, campaign.hold)
-        misfit = (two.chi2_per_dof, two.chi2_limit, two.explained)
+    misfit = (fit.chi2_per_dof, fit.chi2_limit, fit.explained)
+    if isinstance(fit, TwoMass):
+        G = predict(fit.parameters, frf.frequencies, float(campaign.N[frf.index]), campaign.fs, campaign.hold)
+    elif isinstance(fit, Modal):
+        G = fit.G
     else:
-        G = coupled.predict(k)[:, frf.index] / frf.tau[:, frf.index]
+        G = fit.predict(k)[:, frf.index] / frf.tau[:, frf.index]
         off = np.abs(frf.G - G)[frf.usable] ** 2 / frf.variance[frf.usable]
-        misfit = (float(off.mean()), coupled.chi2_limit, coupled.explained)
+        misfit = (float(off.mean()), fit.chi2_limit, fit.explained)
     J, std, J_cad = map(float, found)
     return Measurement(campaign.records[k], frf.index, method, frf, three, two, J, std, J_cad, G, *misfit)
 
@@ -254,13 +267,15 @@ def _coupled_drives(campaign: Campaign, coupled: CoupledFit) -> tuple[SharedDriv
     )
 
 
-def _model(campaign: Campaign, believe_zeros: bool | None, method: str) -> tuple[Model, tuple[str, ...]]:
+def _model(
+    campaign: Campaign, responses: Sequence[Frf], believe_zeros: bool | None, method: str
+) -> tuple[Model, tuple[str, ...]]:
     """The model whose constants the records determine, and a note where that took believing zeros nobody declared."""
     model = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=bool(believe_zeros))
-    if believe_zeros is not None or _determined(campaign, model, method):
+    if believe_zeros is not None or _determined(responses, model, method):
         return model, ()
     symmetric = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=True)
-    if not _determined(campaign, symmetric, method):
+    if not _determined(responses, symmetric, method):
         return model, ()
     believed = len(symmetric.factoring.believed)
     note = (
@@ -270,32 +285,35 @@ def _model(campaign: Campaign, believe_zeros: bool | None, method: str) -> tuple
     return symmetric, (note,)
 
 
-def _determined(campaign: Campaign, model: Model, method: str) -> bool:
-    """Whether the records show every constant: one J_ii each, or with "coupled" the whole matrix at their postures."""
-    q = np.array([record.posture for record in campaign.records])
+def _determined(responses: Sequence[Frf], model: Model, method: str) -> bool:
+    """Whether the records show every constant: one J_ii each, or with "coupled" the matrix of the joints that move."""
+    q = np.array([frf.posture for frf in responses])
     if method == "coupled":
-        rows = model.J_rows(q)
-        return bool(np.linalg.matrix_rank(rows.reshape(-1, rows.shape[-1])) == rows.shape[-1])
-    index = [campaign.joints.index(record.excited) for record in campaign.records]
+        blocks = [
+            rows[np.ix_(live, live)] for rows, live in zip(model.J_rows(q), map(live_joints, responses), strict=True)
+        ]
+        rows = np.concatenate([block.reshape(-1, block.shape[-1]) for block in blocks])
+        return bool(np.linalg.matrix_rank(rows) == rows.shape[-1])
+    index = [frf.index for frf in responses]
     return bool(np.linalg.matrix_rank(model.C_rows(q)[np.arange(len(q)), index]) == model.d)
 
 
-def _drives(campaign: Campaign, fits: list[TwoMass]) -> tuple[SharedDrive, ...]:
+def _drives(campaign: Campaign, fits: Sequence[TwoMass | Modal]) -> tuple[SharedDrive, ...]:
     """One a joint that was excited, base to tip."""
     by_joint = {joint: [fit for fit in fits if fit.joint == joint] for joint in campaign.joints}
     return tuple(share(joint, own) for joint, own in by_joint.items() if own)
 
 
 def _inertias(
-    campaign: Campaign, method: str, three: list[ThreePoint], two: list[TwoMass], drives: tuple[SharedDrive, ...]
+    campaign: Campaign, method: str, three: list[ThreePoint], drives: tuple[SharedDrive, ...], index: Array
 ) -> tuple[Array, Array]:
     """J_ii of every record [R] with its covariance [R, R], in the records' order."""
     if method == "three-point":
         values = np.array([reading.J_l for reading in three])
         return values, np.diag([_grid_variance(campaign, k, reading) for k, reading in enumerate(three)])
-    values, covariance = np.zeros(len(two)), np.zeros((len(two), len(two)))
+    values, covariance = np.zeros(len(index)), np.zeros((len(index), len(index)))
     for drive in drives:
-        own = [k for k, fit in enumerate(two) if fit.joint == drive.joint]
+        own = np.flatnonzero(index == campaign.joints.index(drive.joint))
         values[own] = drive.J_l
         covariance[np.ix_(own, own)] = drive.covariance
     return values, covariance
@@ -320,7 +338,7 @@ def _possible_links(model: Model, alpha_all: Array, covariance: Array, unseen: A
 def _notes(
     model: Model,
     responses: list[Frf],
-    fits: list[TwoMass],
+    fits: Sequence[TwoMass | Modal],
     drives: tuple[SharedDrive, ...],
     alpha: Alpha,
     physical: Consistency,

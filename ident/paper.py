@@ -109,7 +109,7 @@ def simulate_table(
         chain, robot, cells, lock="rigid", seed=seed, truth=_scaled(chain, scale), workers=workers,
         progress=lambda done, of: progress(f"Table I, links {label}: {done} of {of} records") if progress else None,
     )  # fmt: skip
-    found = identify(campaign, believe_zeros=True)
+    found = identify(campaign, method="two-mass", believe_zeros=True)
     order = _order(model)
     cad, alpha = model.alpha_cad[order], found.alpha.value[order]
     measured = found.measurements

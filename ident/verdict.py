@@ -12,7 +12,7 @@ from ident.campaign import Array
 from ident.coupled import CoupledFit
 from ident.drive import SharedDrive
 from ident.fit import UNTOLD
-from ident.identify import Identification, Measurement
+from ident.identify import OF_TWO_MASSES, Identification, Measurement
 from ident.physical import Consistency
 
 #: An anti-resonance that carries less than this share of J_ii leaves no visible pair in the response of motor i.
@@ -138,22 +138,22 @@ def _impossible_bodies(found: Consistency, follows: bool) -> Problem:
 
 
 def _unexplained(r: Identification, joint: str, own: list[Measurement]) -> Problem:
-    """Two masses do not explain records of `joint`: by how much, and what the declared arm and the data say of why."""
+    """Two masses, or modes, do not explain records of `joint`: by how much, and what the declared arm and the data say of why."""
     poor = [m for m in own if not m.explained]
-    worst = max(poor, key=lambda m: m.two_mass.chi2_per_dof)
-    fit, name = worst.two_mass, entry(worst.index, worst.index, r.campaign.n)
+    worst = max(poor, key=lambda m: m.chi2_per_dof)
+    two, name = r.method in OF_TWO_MASSES, entry(worst.index, worst.index, r.campaign.n)
     miss, where = misfit(worst, r)
     modes, others, bent = held_modes(r, worst), held_motion(r, worst), distorted(worst)
     reasons = [
-        f"χ²/dof is {number(fit.chi2_per_dof)} in record {worst.record.id}, noise allows {number(fit.chi2_limit)}.",
+        f"χ²/dof is {number(worst.chi2_per_dof)} in record {worst.record.id}, noise allows {number(worst.chi2_limit)}.",
         f"The fit misses the response by up to {number(100 * miss, 2)} %, at {number(where)} Hz.",
     ]
-    if len(modes) > 1:
+    if len(modes) > 1 and two:
         reasons.append(
             "However well the other motors are held, their springs give: the declared K and J(q) put the "
             f"anti-resonances that this motor sees at {_and(modes)} Hz, and two masses have only one."
         )
-    if others > VISIBLE_MOTION:
+    if others > VISIBLE_MOTION and two:
         reasons.append(f"Held motors moved up to {number(100 * others, 2)} % as much as the excited one.")
     if bent:
         reasons.append(
@@ -161,11 +161,11 @@ def _unexplained(r: Identification, joint: str, own: list[Measurement]) -> Probl
         )
     remedy = (
         "A stiffer lock is not enough. Fit all joints together, or hold the other joints on their link side."
-        if len(modes) > 1 or others > VISIBLE_MOTION
+        if two and (len(modes) > 1 or others > VISIBLE_MOTION)
         else "Look at the misfit below the response: where it is large tells what is missing."
     )
     trust = "is not to be trusted" if miss > GROSS_MISFIT else "is further off than noise explains"
-    what = f"Two masses do not explain {joint} in {len(poor)} of {len(own)} records: {name} {trust}"
+    what = f"{'Two masses' if two else 'The modes found'} do not explain {joint} in {len(poor)} of {len(own)} records: {name} {trust}"
     return Problem(True, what, " ".join(reasons), remedy)
 
 
@@ -289,7 +289,7 @@ def _told(value: float, std: float) -> str:
 
 def _band(m: Measurement) -> tuple[str, str, str]:
     """Which of f_AR and f_R lies outside the band, by how much, and what helps; empty when both are inside."""
-    if m.method == "coupled":
+    if m.method not in OF_TWO_MASSES:
         return "", "", ""
     low, high = m.frf.frequencies[0], m.frf.frequencies[-1]
     for name, f in (("f_AR", m.two_mass.f_AR), ("f_R", m.two_mass.f_R)):

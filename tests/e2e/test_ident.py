@@ -73,7 +73,7 @@ def test_flexible_locks_are_owned_up_to(folder: Path, capsys: pytest.CaptureFixt
     shutil.copytree(ROBOT, quick)
     text = (ROBOT / "robot.toml").read_text().replace("line_spacing_Hz = 0.1", "line_spacing_Hz = 0.2")
     (quick / "robot.toml").write_text(text.replace("periods = 6", "periods = 4"))
-    status, result = run(["run", str(quick), "-o", str(folder / "dob")], capsys)
+    status, result = run(["run", str(quick), "-o", str(folder / "dob"), "--method", "two-mass"], capsys)
     assert status == 1 and not result["explained"]
     distal = [record for record in result["records"].values() if record["excited"] == "joint3"]
     assert all(record["J_l"] < 0.6 * record["J_cad"] and not record["explained"] for record in distal)
@@ -85,11 +85,27 @@ def test_flexible_locks_are_owned_up_to(folder: Path, capsys: pytest.CaptureFixt
 def test_the_coupled_fit_of_the_same_records_is_right(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two masses read J_33 66 % low from these records; all motors fitted at once give J(q) to 0.1 % of sqrt(J_ii J_jj)."""
     campaign = str(folder / "dob" / "campaign.h5")
-    status, result = run(
-        ["fit", campaign, "-o", str(folder / "coupled"), "--method", "coupled", "--believe-zeros"], capsys
-    )
+    status, result = run(["fit", campaign, "-o", str(folder / "coupled"), "--believe-zeros"], capsys)
+    assert result["method"] == "coupled"
     assert status == 0 and result["explained"] and result["physically_consistent"]["ok"]
     alpha = result["alpha"]
     for name, value, cad, std in zip(alpha["names"], alpha["value"], alpha["cad"], alpha["std"], strict=True):
         assert abs(value - cad) < 5 * std < 0.01 * cad, name
     assert judged(folder / "coupled") < 1e-3
+
+
+def test_the_methods_stand_side_by_side(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One table; modal is near the coupled fit at the distal joint, two masses and three points are not."""
+    campaign, out = str(folder / "dob" / "campaign.h5"), str(folder / "all")
+    status, result = run(["fit", campaign, "-o", out, "--method", "all", "--believe-zeros"], capsys)
+    assert status == 0 and result["method"] == "coupled"
+    rows = {row["method"]: row for row in result["methods"]}
+    assert list(rows) == ["coupled", "modal", "two-mass", "three-point"]
+    own = next(k for k, entry in rows["coupled"]["entry"].items() if entry == "J_33")
+    coupled = rows["coupled"]["J"][own]
+    assert rows["modal"]["J"][own] == pytest.approx(coupled, rel=0.05)
+    assert all(rows[name]["J"][own] < 0.6 * coupled for name in ("two-mass", "three-point"))
+    assert rows["coupled"]["away"] == 0.0 and rows["modal"]["away"] < 0.05 < rows["two-mass"]["away"]
+    assert main(["fit", campaign, "-o", out, "--method", "all", "--believe-zeros"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0].split()[:4] == ["record", "entry", "coupled", "sigma"] and "two-mass" in shown[0]

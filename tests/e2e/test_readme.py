@@ -66,6 +66,23 @@ def test_the_ident_example_has_the_shape_of_what_ident_prints() -> None:
     assert [line.split(":")[0] for line in shown[-3:]] == ["Report", "Plot", "Robot"]
 
 
+def test_the_methods_side_by_side_are_all_there() -> None:
+    shown = block("methods")
+    assert shown[0].split() == [
+        "record",
+        "entry",
+        "coupled",
+        "sigma",
+        "modal",
+        "%",
+        "two-mass",
+        "%",
+        "three-point",
+        "%",
+    ]
+    assert [line.split()[0] for line in shown[-4:]] == ["chi2/dof", "explained", "J(q)", "seconds"]
+
+
 def test_the_doctor_finds_what_readme_says(capsys: pytest.CaptureFixture[str]) -> None:
     """The highest line is a random odd one: 119.9 Hz or one below."""
     assert ident.cli.main(["doctor", str(ROOT / "robots/scara4")]) == 0
