@@ -27,6 +27,7 @@ from ident.arm_fit import (
 )  # fmt: skip
 from ident.arm_model import Parameters, Posture
 from ident.campaign import Array, Campaign
+from ident.certainty import certainty, thin
 from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.fit import UNTOLD, chi2_limit, two_mass
@@ -261,10 +262,7 @@ def _status(fit: CoupledFit, campaign: Campaign, model: Model) -> tuple[str, ...
         lines.append(
             f"the records hold no information on a direction of alpha, mostly {model.names[k]}: CAD value kept"
         )
-    blind = np.abs(fit.unseen).max(axis=1, initial=0.0) > 1e-6
-    for name, value, variance, hidden in zip(model.names, fit.alpha, np.diag(fit.covariance), blind, strict=True):
-        if not hidden and np.sqrt(variance) > UNTOLD * abs(value):
-            lines.append(f"{name} hardly known: {value:.3g} with standard deviation {np.sqrt(variance):.2g}")
+    lines += thin(certainty(model, fit.covariance, fit.unseen))
     for name, std in zip(DRIVES, fit.drive_std, strict=True):
         for joint, value, deviation in zip(campaign.joints, getattr(fit, name), std, strict=True):
             if deviation > UNTOLD * value:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident import verdict
+from ident.certainty import certainty
 from ident.fit import PARAMETERS
 from ident.identify import UNSEEN_POSTURES, Identification, Measurement
 from ident.plain import plain, replace_file
@@ -36,6 +37,7 @@ def result_document(identification: Identification) -> dict[str, Any]:
         own = [getattr(drives[joint], name) if joint in drives else None for joint in r.campaign.joints]
         return {key: [getattr(one, key) if one else None for one in own] for key in ("value", "std")}
 
+    known = certainty(r.model, r.covariance, r.unseen)
     document = {
         "robot": r.model.chain.name,
         "urdf_sha256": r.model.chain.sha256,
@@ -55,6 +57,11 @@ def result_document(identification: Identification) -> dict[str, Any]:
         "explained": r.explained,
         "problems": [asdict(problem) for problem in verdict.problems(r)],
         "not_identifiable": verdict.not_identifiable(r),
+        "certainty": {
+            "per_entry": known.per_entry,
+            "thin_direction": dict(zip(r.model.names, known.direction, strict=True)),
+            "share": known.share,
+        },
         "physically_consistent": {
             "ok": r.consistency.ok,
             "distance": r.consistency.distance,
@@ -114,20 +121,24 @@ def html(identification: Identification) -> str:
         {"name": verdict.entry(i, i, n), "along": r.campaign.joints[j], "sigma": sigma, "figure": Markup(svg)}
         for i, j, sigma, svg in figures.sweep_figures(r)
     ]
-    return environment().get_template("report.html.jinja").render(
-        r=r,
-        document=document,
-        joints=joints,
-        rows=rows,
-        sweeps=sweeps,
-        facts=_facts(r, document),
-        serious=any(problem["serious"] for problem in document["problems"]),
-        suspects=list(dict.fromkeys(row["name"] for row in rows if not row["m"].explained)),
-        bands=tuple(verdict.BANDS),
-        entry_name=lambda i, j: verdict.entry(i, j, n),
-        limit=figures.RESIDUAL_LIMIT,
-        inf=np.inf,
-        software=software(),
+    return (
+        environment()
+        .get_template("report.html.jinja")
+        .render(
+            r=r,
+            document=document,
+            joints=joints,
+            rows=rows,
+            sweeps=sweeps,
+            facts=_facts(r, document),
+            serious=any(problem["serious"] for problem in document["problems"]),
+            suspects=list(dict.fromkeys(row["name"] for row in rows if not row["m"].explained)),
+            bands=tuple(verdict.BANDS),
+            entry_name=lambda i, j: verdict.entry(i, j, n),
+            limit=figures.RESIDUAL_LIMIT,
+            inf=np.inf,
+            software=software(),
+        )
     )
 
 
@@ -206,8 +217,9 @@ def _facts(r: Identification, document: dict[str, Any]) -> list[dict[str, Any]]:
     fits = r.measurements
     explained, d = sum(m.explained for m in fits), r.model.d
     worst = max(fits, key=lambda m: m.chi2_per_dof / m.chi2_limit)
-    known = r.alpha.determined & (r.alpha.value != 0.0)
-    uncertain = float(np.max(r.alpha.std[known] / np.abs(r.alpha.value[known]), initial=0.0))
+    per_entry = np.array(document["certainty"]["per_entry"], dtype=float)
+    known, blind = np.isfinite(per_entry), not np.isfinite(per_entry).all()
+    uncertain = float(per_entry[known].max(initial=0.0))
     checks = [abs(check["sigmas"]) for check in document["validation"].values()]
     against, number = document["inertia_vs_cad"], verdict.number
     own = np.array(against["own_per_entry"], dtype=float)
@@ -221,7 +233,7 @@ def _facts(r: Identification, document: dict[str, Any]) -> list[dict[str, Any]]:
         ("records explained", f"{explained} of {len(fits)}", explained == len(fits),
          f"{which}χ²/dof {number(misfit[0], 3)}, noise allows {number(misfit[1], 3)}"),
         ("constants determined", f"{r.alpha.determined.sum()} of {d}", bool(r.alpha.determined.all()),
-         f"least certain to {number(100 * uncertain, 2)} %"),
+         f"J(q) to {number(100 * uncertain, 2)} % of √(Jᵢᵢ Jⱼⱼ), one σ{', where seen' if blind else ''}"),
         ("measurements agree", "yes" if agree else "no", agree,
          checked + (f", worst by {number(max(checks), 2)} σ" if checks else "")),
         ("rigid bodies with these constants", "exist" if r.consistency.ok else "do not exist", r.consistency.ok,

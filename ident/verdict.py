@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from ident.campaign import Array
+from ident.certainty import certainty, thin
 from ident.coupled import CoupledFit
 from ident.drive import SharedDrive
 from ident.fit import UNTOLD
@@ -266,6 +267,10 @@ def not_identifiable(identification: Identification) -> list[dict[str, str]]:
             share = number(100 * m.std / abs(m.J), 2)
             why = f"{reason}; the shape of the response inside it tells J_l to {share} % by noise alone"
             add(f"{name} {where}, directly", why, remedy)
+    *poor, direction = thin(certainty(r.model, r.covariance, r.unseen)) or ("",)
+    for line in poor:
+        what, why = line.split(" hardly known: ")
+        add(f"{what}, closely", why, f"{direction}; or excite more, record more periods")
     for drive in r.drives:
         for name, value in (("K", drive.K), ("J_m", drive.J_m)):
             if value.std > UNTOLD * value.value:
