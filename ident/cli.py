@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.commands import add as commands_of_a_machine
+from ident.diagnosis_commands import add as commands_of_the_loop
 from ident.errors import IdentError
 from symgen.errors import SymgenError
 
@@ -87,6 +88,7 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("-o", dest="out", metavar="DIR", help="write the files here (default: beside identified.json)")
     paper.add_argument("robot", metavar="ROBOT_DIR", nargs="?", default="robots/ypp3", help="default robots/ypp3")
     commands_of_a_machine(command)
+    commands_of_the_loop(command)
     return parser
 
 
@@ -131,7 +133,7 @@ def _check(options: argparse.Namespace) -> None:
             raise IdentError(f"method {options.method!r}: expected one of {', '.join(METHODS)}, all")
     if getattr(options, "out", None) is None:
         return
-    if options.command in ("run", "fit", "export"):
+    if options.command in ("run", "fit", "export", "diagnose"):
         from ident.export import check_place
 
         check_place(options.out)

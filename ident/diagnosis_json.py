@@ -31,6 +31,8 @@ FILE = "verdict.json"
 POSTURES, SEED = 1000, 0
 #: A port explains what is left when a free force there takes this share of it.
 SOURCE = 0.5
+#: A rival that leaves at most this times the held-out error is not told apart by these records.
+AS_GOOD = 1.02
 #: An effect's port shares that are told.
 SHARES_TOLD = 6
 
@@ -174,6 +176,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
     e, c = added.effect, d.campaign
     by_record, by_band = carried(d, e)
     rivals = _distinct(((r.name, r.joint, error) for r, error in added.rivals), e)
+    as_good = [(name, joint) for name, joint, error in rivals if error <= AS_GOOD * added.after and name != "unknown"]
     entry: dict[str, Any] = {
         "name": e.name,
         "joint": _joint(c, e.joint),
@@ -194,7 +197,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
             ],
         },
         "rivals": [{"name": name, "joint": _joint(c, joint), "after": error} for name, joint, error in rivals],
-        "confounded_with": _confounded(c, e.name, e.joint, [(t.name, t.joint) for t in added.tied]),
+        "confounded_with": _confounded(c, e.name, e.joint, [*((t.name, t.joint) for t in added.tied), *as_good]),
     }
     if isinstance(e, Learned):
         entry["curve"] = {"variable": e.variable, "knots": list(e.knots), "heights": list(e.values), "unit": "Nm"}

@@ -130,7 +130,7 @@ def identify(
     seconds = {"frf": clock() - start}
 
     start = clock()
-    model, notes = _model(campaign, responses, believe_zeros, method)
+    model, notes = model_of_campaign(campaign, responses, believe_zeros, method)
     seconds["model"] = clock() - start
 
     start = clock()
@@ -267,7 +267,7 @@ def _coupled_drives(campaign: Campaign, coupled: CoupledFit) -> tuple[SharedDriv
     )
 
 
-def _model(
+def model_of_campaign(
     campaign: Campaign, responses: Sequence[Frf], believe_zeros: bool | None, method: str
 ) -> tuple[Model, tuple[str, ...]]:
     """The model whose constants the records determine, and a note where that took believing zeros nobody declared."""

@@ -1,0 +1,129 @@
+"""The commands of the loop, for `cli`: diagnose and next. Each parses, calls and prints."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ident.campaign import Campaign
+    from ident.diagnose import Diagnosis
+    from symgen.plan import Model
+
+#: Returns the parser of a new command: its name and what it does.
+_NewCommand = Callable[[str, str], argparse.ArgumentParser]
+
+
+def add(command: _NewCommand) -> None:
+    """Adds the commands to the command line; each sets `action`, which takes the options and returns the exit status."""
+    diagnose = command(
+        "diagnose",
+        "Find what the declared robot lacks to explain its records; add it, and say the error before and after.",
+    )
+    diagnose.add_argument("campaign", metavar="FILE.h5")
+    diagnose.add_argument(
+        "-o",
+        dest="out",
+        metavar="DIR",
+        required=True,
+        help="write verdict.json, report.html and the corrected robot here",
+    )
+    diagnose.add_argument(
+        "--baseline", metavar="OTHER.h5",
+        help="the same robot earlier: what is found there already is declared, only what has changed since is told",
+    )  # fmt: skip
+    diagnose.add_argument(
+        "--believe-zeros", action=argparse.BooleanOptionalAction, default=None,
+        help="take inertial parameters that are exactly zero in the URDF as known (default: only where the records need it)",
+    )  # fmt: skip
+    diagnose.add_argument("--brief", action="store_true", help="print the sentence, the errors and the effects only")
+    diagnose.set_defaults(action=_diagnose)
+    then = command("next", "Plan the records that would tell apart what a diagnosis could not, ready to be played.")
+    then.add_argument("result", metavar="OUT", help="directory that ident diagnose wrote")
+    then.add_argument("--seed", type=int, default=1, help="of the excitation (default 1: not the campaign's)")
+    then.set_defaults(action=_next)
+
+
+def _diagnose(options: argparse.Namespace) -> int:
+    from ident.diagnosis_report import text
+
+    document = _diagnosed(options)
+    out = Path(options.out)
+    if options.json:
+        print(json.dumps(document, ensure_ascii=False))
+    else:
+        print(text(document, options.brief))
+        print(f"\nReport:  {out / 'report.html'}")
+        print(f"Verdict: {out / 'verdict.json'}")
+        print(f"Robot:   {out / 'robot.toml'} with identified.urdf, identified.xml (MuJoCo), J.casadi, J.c")
+    return 0 if document["status"] == "explained" else 1
+
+
+def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
+    """Diagnoses and writes everything; the verdict."""
+    from ident.baseline import declared_by
+    from ident.diagnose import diagnose
+    from ident.diagnosis_json import FILE, result_document, verdict_document, write
+    from ident.diagnosis_report import html
+    from ident.plain import replace_file
+    from ident.store import read_campaign
+
+    campaign = read_campaign(options.campaign)
+    say = _progress(options)
+    notes: tuple[str, ...] = ()
+    if options.baseline is not None:
+        earlier = read_campaign(options.baseline)
+        campaign, notes = declared_by(diagnose(earlier, _model(earlier, options)[0], progress=say), campaign)
+    model, more = _model(campaign, options)
+    found = diagnose(campaign, model, progress=say)
+    out = Path(options.out)
+    document = verdict_document(found, options.campaign, (*notes, *more))
+    page = html(found, document)
+    write(document, out / FILE)
+    write(result_document(found), out / "result.json")
+    replace_file(out / "report.html", page)
+    _write_robot(found, out)
+    return document
+
+
+def _model(campaign: Campaign, options: argparse.Namespace) -> tuple[Model, tuple[str, ...]]:
+    """The declared arm with the constants that the records show, and a note where zeros had to be believed for that."""
+    from ident.frf import estimate
+    from ident.identify import model_of_campaign
+
+    responses = [estimate(record, campaign) for record in campaign.records]
+    return model_of_campaign(campaign, responses, options.believe_zeros, "coupled")
+
+
+def _write_robot(d: Diagnosis, out: Path) -> None:
+    from ident.coupled import uncertainty
+    from ident.export import write_arm
+
+    problem, minimum = d.end.problem, d.end.minimum
+    p = problem.parameters(minimum.vector)
+    covariance, unseen, _ = uncertainty(problem, minimum)
+    effects = ", ".join(a.effect.name for a in d.added) or "nothing"
+    source = f"{d.campaign.source}; diagnosed, {effects} added"
+    write_arm(d.campaign, d.model, p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring, out, source=source)
+
+
+def _next(options: argparse.Namespace) -> int:
+    from ident.next_experiment import plan_next
+
+    found = plan_next(options.result, seed=options.seed)
+    if options.json:
+        print(json.dumps(found.document(), ensure_ascii=False))
+    else:
+        print(found.text)
+    return 0
+
+
+def _progress(options: argparse.Namespace) -> Callable[[str], None]:
+    """Says on standard error what is being tried, on one line where that is a terminal; never with --json."""
+    if options.json or not sys.stderr.isatty():
+        return lambda text: None
+    return lambda text: print(f"\r\x1b[K{text}"[:200], end="", file=sys.stderr, flush=True)

@@ -1,0 +1,80 @@
+"""The figures of a diagnosis, each as SVG text: what is left of a response before and after, and the law that was found."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ident.campaign import Array
+from ident.canvas import CAD, DATA, FIT, MUTED, dots, drawing, logarithmic
+from ident.held_out import Force, HeldOut
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Instants drawn of a law.
+INSTANTS = 600
+
+
+def before_after_figure(row: HeldOut) -> str:
+    """Returns one held-out record as SVG: the response, and what each model leaves of it, against its noise."""
+    velocity = 2.0 * np.pi * row.f / np.maximum(np.abs(row.tau), 1e-300)
+    measured, before, after, noise = (
+        velocity * np.abs(values) for values in (row.theta, row.before, row.after, row.noise)
+    )
+    with drawing(7.4, 3.9, f"before after {row.record}") as (figure, svg):
+        axes = figure.add_axes((0.1, 0.13, 0.885, 0.75))
+        logarithmic(axes.set_xscale, axes.xaxis)
+        logarithmic(axes.set_yscale, axes.yaxis)
+        axes.set_xlim(row.f[0], row.f[-1])
+        axes.plot(row.f, noise, color=MUTED, linewidth=1.0, label="noise")
+        for values, colour, label in (
+            (measured, DATA, "response"),
+            (before, CAD, "left before"),
+            (after, FIT, "left after"),
+        ):
+            dots(axes, row.f, np.maximum(values, 1e-12 * measured.max()), colour, 3.2)
+            axes.plot([], [], linestyle="none", marker=".", color=colour, label=label)
+        everything = np.concatenate([measured, before, noise])
+        axes.set_ylim(0.2 * float(np.quantile(noise, 0.02)), 2.0 * float(everything.max()))
+        axes.set_xlabel("frequency [Hz]")
+        axes.set_ylabel("velocity / torque [rad/s per N m]")
+        figure.legend(*axes.get_legend_handles_labels(), loc="upper center", ncol=4)
+        return svg("What each model leaves of the response, before and after, against the noise")
+
+
+def law_figure(force: Force) -> str:
+    """Returns what acted at a port, found from the records (dots) and as the effect has it, against the port's own motion."""
+    names = {
+        "motor": ("motor angle [rad]", "motor velocity [rad/s]", "motor torque [N m]"),
+        "spring": ("deflection [rad]", "rate of deflection [rad/s]", "spring torque [N m]"),
+        "link": ("link angle [rad]", "link velocity [rad/s]", "spring torque [N m]"),
+        "sensor": ("motor angle [rad]", "motor velocity [rad/s]", "motor torque [N m]"),
+    }[force.port]
+    step = max(1, len(force.found) // INSTANTS)
+    pick = slice(None, None, step)
+    with drawing(7.4, 2.9, f"law {force.port} {force.joint} {force.record}") as (figure, svg):
+        row = figure.subplots(1, 3, sharey=True)
+        figure.subplots_adjust(left=0.1, right=0.985, top=0.86, bottom=0.18, wspace=0.08)
+        for axes, x, name in zip(row, (force.position, force.velocity, force.torque), names, strict=True):
+            _cloud(axes, x[pick], force.found[pick], force.law[pick])
+            axes.set_xlabel(name)
+        row[0].set_ylabel("error of the angle [rad]" if force.port == "sensor" else "torque [N m]")
+        row[0].plot([], [], linestyle="none", marker=".", color=DATA, label="from the records, no law assumed")
+        row[0].plot([], [], linestyle="none", marker=".", color=FIT, label="the effect")
+        figure.legend(*row[0].get_legend_handles_labels(), loc="upper center", ncol=2)
+        return svg("Torque at the port against its position, velocity and torque")
+
+
+def _cloud(axes: Axes, x: Array, found: Array, law: Array) -> None:
+    dots(axes, x, found, DATA, 1.6)
+    dots(axes, x, law, FIT, 2.2)
+    for low, high, limit in ((x.min(), x.max(), axes.set_xlim), (_low(found, law), -_low(-found, -law), axes.set_ylim)):
+        room = 0.05 * max(float(high - low), 1e-12)
+        limit(float(low) - room, float(high) + room)
+
+
+def _low(found: Array, law: Array) -> float:
+    """The lowest value drawn; a few stray dots may lie outside."""
+    return float(min(np.quantile(found, 0.005), law.min()))

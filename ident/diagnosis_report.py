@@ -1,0 +1,205 @@
+"""A diagnosis for the person who opens it: report.html, and the same in a few lines of text. Every number is verdict.json's."""
+
+from __future__ import annotations
+
+import inspect
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.diagnose import Diagnosis
+from ident.effects.catalogue import CATALOGUE
+from ident.held_out import HeldOut, held_out, reconstructed
+from ident.trace import PORTS
+from ident.verdict import entry, number
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+
+def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
+    """Returns the report of a diagnosis whose verdict.json is `verdict`, as one HTML file that needs nothing else."""
+    from markupsafe import Markup
+
+    from ident.diagnosis_figures import before_after_figure
+    from ident.report import environment, software
+
+    rows, ids = held_out(d), [record.id for record in d.campaign.records]
+    shown = _telling(rows, verdict, d.campaign.joints)
+    return (
+        environment()
+        .get_template("diagnosis.html.jinja")
+        .render(
+            v=verdict,
+            sentence=sentence(verdict),
+            detail=detail(verdict),
+            picture=Markup(before_after_figure(shown)) if shown else None,
+            picture_record=ids[shown.record] if shown else "",
+            picture_joint=d.campaign.joints[shown.joint] if shown else "",
+            meanings=[meaning(effect) for effect in verdict["effects"]],
+            laws=[_law(d, k) for k in range(len(verdict["effects"]))],
+            ports=_port_map(d),
+            entries=_entries(verdict, d.campaign.n),
+            todo=todo(verdict),
+            software=software(),
+        )
+    )
+
+
+def sentence(verdict: dict[str, Any]) -> str:
+    """What was found, in one sentence."""
+    effects, joined = verdict["effects"], _names(verdict["effects"])
+    if verdict["status"] == "explained":
+        return "Nothing is missing: the declared model explains every record within its noise."
+    if verdict["status"] == "effect-found":
+        return (
+            f"The declared model lacks {joined}; with {'it' if len(effects) == 1 else 'them'} it explains the records."
+        )
+    place = _place(verdict["unexplained"][0]) if verdict["unexplained"] else "the records"
+    if not effects:
+        return f"Something acts that nothing in the catalogue explains: {place}."
+    return f"The declared model lacks {joined}; even so something stays unexplained: {place}."
+
+
+def detail(verdict: dict[str, Any]) -> str:
+    """The sentence's numbers."""
+    e, J = verdict["error"], verdict["inertia"]["J"]
+    fell = f"Held-out error {_percent(e['before']['all'])} before, {_percent(e['after']['all'])} after; noise alone makes {_percent(e['noise_floor'])}."
+    if not verdict["effects"]:
+        return f"Held-out error {_percent(e['after']['all'])}; noise alone makes {_percent(e['noise_floor'])}."
+    worst = float(np.max(np.array(J["change_rms"], dtype=float)))
+    return f"{fell} Without the effects the entries of J(q) were off by up to {_percent(worst)} (rms over postures)."
+
+
+def meaning(effect: dict[str, Any]) -> str:
+    """What an effect is, in a sentence: the first line of its class in the catalogue."""
+    if effect["name"] == "unknown":
+        curve = effect.get("curve", {})
+        return f"A torque that no law of the catalogue describes, learned from the records as a curve of {curve.get('variable', 'its port')}."
+    found = CATALOGUE.get(effect["name"])
+    return (inspect.getdoc(found) or "").split("\n\n")[0] if found else ""
+
+
+def todo(verdict: dict[str, Any]) -> list[str]:
+    """What to do next, most useful first."""
+    lines = []
+    for effect in verdict["effects"]:
+        for other in effect["confounded_with"]:
+            lines.append(f"To tell {effect['name']} from {other['name']}: {other['separate_by']}.")
+    if verdict["unexplained"]:
+        lines.append(f"Look at {_place(verdict['unexplained'][0])}: ident next plans records that show it best.")
+    if verdict["effects"]:
+        lines.append(
+            "Use the corrected arm in this directory (robot.toml, identified.urdf, J.casadi) in place of the declared one."
+        )
+    if lines and lines[0].startswith(("To tell", "Look")):
+        lines.append("ident next OUT writes that experiment, ready to run.")
+    return lines or ["Nothing: use the identified arm in this directory."]
+
+
+def text(verdict: dict[str, Any], brief: bool = False) -> str:
+    """The verdict as a page of plain text; `brief`: the sentence, the table of errors and the effects only."""
+    e = verdict["error"]
+    lines = [sentence(verdict), "", f"{'held-out error [%]':<22}{'before':>9}{'after':>9}{'noise':>9}"]
+    rows = [("all", e["before"]["all"], e["after"]["all"], e["noise_floor"])]
+    for key, noise in (("per_joint", "noise_per_joint"), ("per_band", "noise_per_band")):
+        rows += [(name, e["before"][key][name], after, e[noise].get(name)) for name, after in e["after"][key].items()]
+    for name, before, after, noise in rows:
+        lines.append(f"{name:<22}" + "".join(f"{_cell(value):>9}" for value in (before, after, noise)))
+    for k, effect in enumerate(verdict["effects"]):
+        lines += ["", f"{k + 1}. {_named(effect)}: {_values(effect)}"]
+        lines += [f"   not told from {other['name']}: {other['separate_by']}" for other in effect["confounded_with"]]
+        rivals = ", ".join(f"{_named(rival)} {_percent(rival['after'])}" for rival in effect["rivals"])
+        if rivals and not brief:
+            lines.append(f"   next best: {rivals}")
+    if verdict["unexplained"]:
+        lines += [
+            "",
+            *(
+                f"unexplained: {_place(row)}, {_percent(row['share'])} of it"
+                for row in verdict["unexplained"][: 3 if brief else None]
+            ),
+        ]
+    if not brief:
+        J = np.array(verdict["inertia"]["J"]["change_rms"], dtype=float)
+        if verdict["effects"]:
+            n = len(J)
+            worst = [(float(J[i, j]), entry(i, j, n)) for i in range(n) for j in range(i, n)]
+            share, name = max(worst)
+            lines += ["", f"J(q) without the effects: {name} off by {_percent(share)} rms over the workspace."]
+    return "\n".join(lines)
+
+
+def _names(effects: list[dict[str, Any]]) -> str:
+    names = [_named(effect) for effect in effects]
+    return ", ".join(names[:-1]) + " and " + names[-1] if len(names) > 1 else "".join(names)
+
+
+def _named(effect: dict[str, Any]) -> str:
+    name = "a torque of unknown law" if effect["name"] == "unknown" else effect["name"]
+    return f"{name} at {effect['joint']}" if effect["joint"] else name
+
+
+def _values(effect: dict[str, Any]) -> str:
+    if effect["name"] == "unknown":
+        return f"a curve of {effect['curve']['variable']} at the {effect['port']}" if "curve" in effect else "a curve"
+    parts = []
+    for name, p in effect["parameters"].items():
+        std = "" if p["std"] is None else f" +- {p['std']:.2g}"
+        parts.append(f"{name} {p['value']:.5g}{std} {p['unit']}".rstrip())
+    return ", ".join(parts)
+
+
+def _place(row: dict[str, Any]) -> str:
+    """Where and how something unexplained shows."""
+    lines = " and ".join(kind for kind in ("odd", "even") if row[kind]) or "excited"
+    low, high = row["band_hz"]
+    port = f"the {row['port']} of {row['joint']}" if row["port"] else row["joint"]
+    return f"{port}, {low:g}-{high:g} Hz, {lines} lines"
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{number(100 * share, 3)} %"
+
+
+def _cell(share: float | None) -> str:
+    return number(None if share is None else 100 * share, 3)
+
+
+def _telling(rows: tuple[HeldOut, ...], verdict: dict[str, Any], joints: tuple[str, ...]) -> HeldOut | None:
+    """The record to show: of the joint of the first effect, where it has one that reports, the one that gained most."""
+    wanted = [effect["joint"] for effect in verdict["effects"]] + [row["joint"] for row in verdict["unexplained"]]
+    own = [row for row in rows if wanted and joints[row.joint] == wanted[0]] or list(rows)
+    return max(own, key=lambda row: float(np.sum(np.abs(row.before / row.noise) ** 2)), default=None)
+
+
+def _law(d: Diagnosis, k: int) -> dict[str, Markup | str] | None:
+    """The figure of the k-th effect's law, where it has a port."""
+    from markupsafe import Markup
+
+    from ident.diagnosis_figures import law_figure
+
+    if k >= len(d.added):
+        return None  # a declared number that is off has no law
+    force = reconstructed(d, d.added[k].effect)
+    if force is None:
+        return None
+    return {"figure": Markup(law_figure(force)), "record": d.campaign.records[force.record].id}
+
+
+def _port_map(d: Diagnosis) -> dict[str, list[float | None]]:
+    """{port: share [n]} of what the declared model leaves, before anything was added."""
+    if not d.added:
+        return {}
+    shares = {(port, joint): share for port, joint, share in d.added[0].port_shares}
+    return {port: [shares.get((port, j)) for j in range(d.campaign.n)] for port in PORTS}
+
+
+def _entries(verdict: dict[str, Any], n: int) -> list[dict[str, Any]]:
+    """How far each entry of J(q) was off; those that are zero left out."""
+    J = verdict["inertia"]["J"]
+    rows = [
+        {"name": entry(i, j, n), "rms": J["change_rms"][i][j], "largest": J["change_largest"][i][j], "std": J["std_after"][i][j]}
+        for i in range(n) for j in range(i, n)
+    ]  # fmt: skip
+    return [row for row in rows if row["rms"]]
