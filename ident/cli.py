@@ -53,6 +53,9 @@ def _parser() -> argparse.ArgumentParser:
             "--lock", choices=("dob", "rigid"), default="dob",
             help="hold the other joints by PD and disturbance observer on their motors (dob), or weld them (rigid)",
         )  # fmt: skip
+    simulate.add_argument(
+        "--plan", metavar="PLAN.json", help="the cells of this plan (symgen, ident next) in place of the robot's own"
+    )
     simulate.add_argument("-o", dest="out", metavar="FILE.h5", required=True, help="the campaign file to write")
     simulate.add_argument(
         "--effect", action="append", default=[], metavar="NAME:PARAM=VALUE,..@JOINT",
@@ -192,12 +195,17 @@ def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str,
     from ident.bench import design, head
     from ident.design import summary
     from ident.resume import run_to_file
-    from symgen.plan import plan_of_robot
+    from symgen.plan import chain_of_robot, load_plan_cells, make_model, plan_of_robot
     from symgen.robot import load_robot
 
     robot = load_robot(options.robot)
-    plan = plan_of_robot(robot)
-    chain, cells = plan.model.chain, [(cell.joint, cell.q) for cell in plan.cells]
+    if getattr(options, "plan", None):
+        model = make_model(chain_of_robot(robot), believe_zeros=robot.believe_zeros)
+        planned = load_plan_cells(options.plan, model)
+    else:
+        plan = plan_of_robot(robot)
+        model, planned = plan.model, plan.cells
+    chain, cells = model.chain, [(cell.joint, cell.q) for cell in planned]
     effects = _effects(options, [robot.drive(name) for name in chain.names])
     jobs = design(chain, robot, cells, lock=options.lock, seed=options.seed, effects=effects)
     notes = summary(chain, [job.setup for job in jobs])

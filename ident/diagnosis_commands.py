@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from ident.errors import IdentError
 
 if TYPE_CHECKING:
     from ident.campaign import Campaign
@@ -24,7 +27,7 @@ def add(command: _NewCommand) -> None:
         "diagnose",
         "Find what the declared robot lacks to explain its records; add it, and say the error before and after.",
     )
-    diagnose.add_argument("campaign", metavar="FILE.h5")
+    diagnose.add_argument("campaign", metavar="FILE.h5", nargs="+", help="campaigns of one robot, diagnosed together")
     diagnose.add_argument(
         "-o",
         dest="out",
@@ -72,7 +75,7 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     from ident.plain import replace_file
     from ident.store import read_campaign
 
-    campaign = read_campaign(options.campaign)
+    campaign = _joined(options.campaign)
     say = _progress(options)
     notes: tuple[str, ...] = ()
     if options.baseline is not None:
@@ -88,6 +91,21 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     replace_file(out / "report.html", page)
     _write_robot(found, out)
     return document
+
+
+def _joined(paths: Sequence[str]) -> Campaign:
+    """All records of the campaigns at `paths`; those of later ones have their file's name before their own."""
+    from ident.store import read_campaign
+
+    first, *others = (read_campaign(path) for path in paths)
+    records = list(first.records)
+    for path, other in zip(paths[1:], others, strict=True):
+        if (other.urdf, other.joints, other.fs, other.hold) != (first.urdf, first.joints, first.fs, first.hold):
+            raise IdentError(
+                f"{path}: another robot, sampling or hold than {paths[0]}; expected campaigns of one robot"
+            )
+        records += [replace(record, id=f"{Path(path).stem}/{record.id}") for record in other.records]
+    return replace(first, records=tuple(records))
 
 
 def _model(campaign: Campaign, options: argparse.Namespace) -> tuple[Model, tuple[str, ...]]:

@@ -37,10 +37,10 @@ AS_GOOD = 1.02
 SHARES_TOLD = 6
 
 
-def verdict_document(d: Diagnosis, file: str | Path, notes: Sequence[str] = ()) -> dict[str, Any]:
+def verdict_document(d: Diagnosis, files: Sequence[str | Path], notes: Sequence[str] = ()) -> dict[str, Any]:
     """Returns verdict.json (format frf-verdict, version 1): plain numbers, lists and strings.
 
-    `file` is where the campaign was read. Units as in the catalogue of effects; errors are relative rms of the excited joint's
+    `files` are where the records were read, first the campaign's own. Units as in the catalogue of effects; errors are relative rms of the excited joint's
     angle at the excited lines of the records that report.
     """
     joints, records = d.campaign.joints, d.campaign.records
@@ -52,8 +52,9 @@ def verdict_document(d: Diagnosis, file: str | Path, notes: Sequence[str] = ()) 
         "format": FORMAT,
         "version": VERSION,
         "input": {
-            "file": str(file),
-            "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(),
+            "file": str(files[0]),
+            "sha256": hashlib.sha256(Path(files[0]).read_bytes()).hexdigest(),
+            "more_files": [str(file) for file in files[1:]],
             "records": len(records),
             "kind": "campaign",
             "source": d.campaign.source,

@@ -13,19 +13,27 @@ HEAD = "# Identified from: "
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
-def robot_toml(arm: Identified, remark: str) -> str:
-    """Returns robot.toml with the identified drives, for `symgen.robot.load_robot`; its URDF is identified.urdf.
+#: What the drives of a robot.toml are worth, for a comment in it.
+IDENTIFIED = (
+    "K, J_m, D and D_spring are identified. Encoders, torque limits and the experiment are as declared; where only records",
+    "were at hand, as these show them: an encoder without visible steps has 2^20, a motor without a limit the largest torque.",
+)
 
-    `remark` is a comment on how the drives and the URDF's inertias relate to what was measured.
+
+def robot_toml(
+    arm: Identified, remark: str, urdf: str = "identified.urdf", drives: tuple[str, ...] = IDENTIFIED
+) -> str:
+    """Returns robot.toml with the drives of `arm`, for `symgen.robot.load_robot`; its URDF is the file `urdf`.
+
+    `remark` is a comment on how the URDF's inertias relate to what was measured, `drives` one on the drives, line by line.
     """
     e = arm.experiment
     lines = [
         f"{HEAD}{one_line(arm.source)}.",
         f"# {one_line(remark)}",
-        "# K, J_m, D and D_spring are identified. Encoders, torque limits and the experiment are as declared; where only records",
-        "# were at hand, as these show them: an encoder without visible steps has 2^20, a motor without a limit the largest torque.",
+        *(f"# {line}" for line in drives),
         "[robot]",
-        'urdf = "identified.urdf"',
+        f"urdf = {_string(urdf)}",
         f"believe_zeros = {str(arm.believes_zeros).lower()}",
         f"gravity_m_per_s2 = [{', '.join(map(_number, arm.gravity))}]",
     ]
