@@ -24,7 +24,7 @@ from symgen.plan import Model
 
 #: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
 SMALL_STEP = 0.01
-OUTER, INNER, TRIALS = 6, 30, 8
+OUTER, INNER, TRIALS, FEW = 6, 30, 8, 10
 #: Progress below this share of chi^2 ends the way to a model that is still doubted.
 ROUGHLY = 0.01
 #: A direction of the parameters with less information than this was not seen: its deviation is over ten times its size.
@@ -70,6 +70,7 @@ class Problem:
 
     The vector [P] is that of `Parameters` followed by the values of every effect; a step of `scale` [P] is a large one. `low`,
     `high` [P] bound it; `free` [P] are the parameters that may move. `posture_of` gives the arm at another posture.
+    `doubt` is the relative error of the angles that the model is granted, besides noise.
     """
 
     data: tuple[Evidence, ...]
@@ -82,6 +83,7 @@ class Problem:
     high: Array
     free: NDArray[np.bool_]
     posture_of: Callable[[Evidence, Array], Posture]
+    doubt: float = 0.0
 
     @property
     def base(self) -> int:
@@ -203,18 +205,18 @@ def scale_of(start: Parameters) -> Array:
 
 
 def minimise(
-    problem: Problem, vector: Array, doubts: Sequence[float] = (), outer: int = OUTER, roughly: bool = False
+    problem: Problem, vector: Array, doubts: Sequence[float] = (), outer: int = OUTER, roughly: float = 0.0
 ) -> Minimum:
     """Levenberg-Marquardt, weights made anew at every minimum until that moves nothing; first with `doubts`.
 
-    `roughly` ends each descent where chi^2 falls by less than `ROUGHLY`.
+    `roughly` ends each descent where chi^2 falls by less than this share, or after `FEW` steps.
     """
     converged, chi2, information = False, np.inf, np.zeros((len(vector), len(vector)))
     for doubt in (*doubts, *[0.0] * outer):
         held = hold(problem, vector, doubt)
         chi2, slope, information = normal_equations(problem, vector, held)
         begin, settled, damping = vector, False, 1e-3
-        for _ in range(INNER):
+        for _ in range(FEW if roughly else INNER):
             for _ in range(TRIALS):
                 step = _step(problem, slope, information, damping)
                 trial = np.clip(vector + problem.scale * step, problem.low, problem.high)
@@ -228,7 +230,7 @@ def minimise(
             damping = max(damping / 5.0, 1e-12)
             vector, moved, before = trial, float(step @ information @ step), chi2
             chi2, slope, information = normal_equations(problem, vector, held)
-            if moved < SMALL_STEP**2 or ((doubt or roughly) and before - chi2 < ROUGHLY * before):
+            if moved < SMALL_STEP**2 or before - chi2 < max(ROUGHLY if doubt else 0.0, roughly) * before:
                 settled = True
                 break
         shift = (vector - begin) / problem.scale
@@ -265,7 +267,7 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
         p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
         linear = linear_extra(scene, p, effects)
-        W = whitening(scene.arm, p, one.sampling, one.noise, scene.theta, doubt, linear)
+        W = whitening(scene.arm, p, one.sampling, one.noise, scene.theta, max(doubt, problem.doubt), linear)
         W = W if one.judged is None else W * one.judged[:, None, None]
         found.append(Held(W, moved(scene, p, effects)))
     return found

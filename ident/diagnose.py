@@ -38,21 +38,30 @@ from symgen.plan import Model
 
 #: Effects added at most, and declared numbers corrected.
 MOST_EFFECTS, MOST_OFF = 4, 6
-#: Candidates of the catalogue refitted in each round, and learned curves.
-REFITTED, CURVES = 6, 2
-#: The best of them are, whatever they promise: a promise is of first order.
-SURELY = 3
+#: Candidates of the catalogue refitted in each round (least and most), and learned curves.
+REFITTED, CURVES = (6, 40), 2
+#: Half of them whatever they promise, as a promise is of first order; as many as make this many numbers to be fitted.
+EFFORT = 1.5e5
+#: Candidates taken over from the declared arm.
+SURELY = 4
+#: Candidates fitted to the end before one is chosen.
+FINALISTS = 3
+#: Fall of chi^2 that ends a descent: of a candidate, of a finalist.
+HASTILY, FINELY = 0.03, 0.002
 #: chi^2 per degree of freedom of a group of lines above which the arm is not explained, and the least of a group's degrees.
 DEPARTURE, LEAST_DOF = 3.0, 40
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
 LEAST_GAIN, LEAST_SHARE = 40.0, 0.2
-#: A learned curve is preferred to a named effect where it explains this share of the excess more.
-CURVE_SHARE = 0.05
-#: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured; and below which
-#: nothing more is looked for.
-LEFT, ENOUGH = 0.03, 3e-3
+#: A learned curve takes a name's place where it leaves less than this share of what the name leaves; it needs this share of
+#: all that was in excess to be added.
+CURVE_RATIO, CURVE_SHARE = 0.3, 0.05
+#: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured; below which
+#: nothing more is looked for; and how many times the noise the error may be then.
+LEFT, ENOUGH, CLOSE = 0.03, 3e-3, 3.0
 #: Effects whose chi^2 on the choosing records differ by less than this are not told apart.
 TIE = 12.0
+#: Excited lines in a row that go to the same kind where lines take the place of records.
+BLOCK = 3
 #: Bands [Hz] in which errors are told, as far as the records reach.
 EDGES = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 
@@ -166,6 +175,9 @@ class _Bench:
     basis: Array
     split: Split
     guess: Parameters
+    doubt: float = 0.0
+    #: What a first loop found, to be tried again whatever it promises; None in the first loop.
+    heirs: tuple[Effect, ...] | None = None
 
     def problem(
         self, data: tuple[Evidence, ...], effects: Sequence[Effect], scales: Sequence[float], limits: Sequence[tuple[float, float]]
@@ -174,7 +186,7 @@ class _Bench:
         whole = [p.whole for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(whole, dtype=bool) if whole else free[problem.base :]
-        return replace(problem, free=free)
+        return replace(problem, free=free, doubt=self.doubt)
 
 
 def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:
@@ -189,30 +201,45 @@ def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None
     data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
     guess = declared_start(campaign, model, responses, basis)
     bench = _Bench(campaign, model, basis, split(data, model), guess)
-    state = _first(bench)
-    start = state
+    start, state, added = _loop(bench, progress)
+    left = _left_over(bench, start, state, added)
+    if left:  # noise no longer says what an error is worth: judge by what the model leaves
+        doubted = replace(bench, doubt=errors(bench, state, bench.split.select).all, heirs=state.effects)
+        progress(f"not explained; again with every angle doubted by {doubted.doubt:.2g}")
+        other = _loop(doubted, progress)
+        if other[2]:
+            bench, (start, state, added) = doubted, other
+            left = departures(bench, state)
+    final = tuple(replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if _same(a.effect, e))
+    before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
+    off = () if left else _off(bench, state)
+    if off:
+        before = errors(bench, off[0].without, bench.split.report) if not final else before
+    status = "unexplained" if left else "effect-found" if final or off else "explained"
+    return Diagnosis(campaign, model, responses, bench.split, start, state, final, off, before, after, left, status)
+
+
+def _loop(bench: _Bench, progress: Callable[[str], None]) -> tuple[State, State, list[Added]]:
+    """The arm without effects, with those that earned their place, and these in the order in which they were added."""
+    start = state = _first(bench)
     added: list[Added] = []
-    progress(f"the declared arm: chi2 {_excess(bench, state):.3g} in excess")
+    progress(f"the declared arm: chi2 {_excess(bench, state):.3g} a degree of freedom")
     for _ in range(MOST_EFFECTS):
         if not _departs(bench, state) or (added and _left(bench, start, state) < ENOUGH):
             break
         step = _round(bench, state, start.select, progress)
         if step is None:
             break
-        state, entry = step
-        state, entry = _pruned(bench, state, entry, progress)
+        state, entry = _pruned(bench, *step, progress)
         added.append(entry)
-    kept = [a for a in added if any(_same(a.effect, e) for e in state.effects)]
-    final = tuple(
-        replace(a, effect=next(e for e in state.effects if _same(a.effect, e)), std=_std(state, a.effect)) for a in kept
-    )
-    before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
-    left = departures(bench, state) if _left(bench, start, state) > (LEFT if final else 0.0) else ()
-    off = () if left else _off(bench, state)
-    if off:
-        before = errors(bench, off[0].without, bench.split.report) if not final else before
-    status = "unexplained" if left else "effect-found" if final or off else "explained"
-    return Diagnosis(campaign, model, responses, bench.split, start, state, final, off, before, after, left, status)
+    return start, state, added
+
+
+def _left_over(bench: _Bench, start: State, state: State, added: Sequence[Added]) -> tuple[Departure, ...]:
+    """What stays unexplained, but for the small rest that known effects may leave."""
+    found = errors(bench, state, bench.split.select)
+    little = added and _left(bench, start, state) < LEFT and found.all < CLOSE * found.noise
+    return () if little else departures(bench, state)
 
 
 def _off(bench: _Bench, state: State) -> tuple[Off, ...]:
@@ -238,7 +265,7 @@ def _kept(bench: _Bench, state: State, declared: Sequence[Deviation]) -> State:
         vector[one.indices] = one.declared
         free[one.indices] = False
     problem = replace(problem, free=free)
-    minimum = minimise(problem, vector, (), 1, roughly=True)
+    minimum = minimise(problem, vector, (), 1, FINELY)
     chosen = replace(problem, data=bench.split.select)
     select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
     return replace(state, minimum=minimum, problem=problem, select=select)
@@ -293,7 +320,7 @@ def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> 
 def _split_lines(data: tuple[Evidence, ...]) -> Split:
     """The last of several records chooses and reports, blocks of lines by turns; one record alone does all three."""
     whole, last = data[:-1], data[-1]
-    block = np.cumsum(last.is_excited) // 8
+    block = np.cumsum(last.is_excited) // BLOCK
     if whole:
         note = "too few records: choosing and reporting lines are blocks of the last record by turns"
         return Split(whole, (lines_of(last, block % 2 == 0),), (lines_of(last, block % 2 == 1),), note)
@@ -316,9 +343,10 @@ def _first(bench: _Bench) -> State:
 def _fitted(
     bench: _Bench, vector: Array, effects: tuple[Effect, ...], scales: tuple[float, ...],
     limits: tuple[tuple[float, float], ...], doubts: Sequence[float] = (), outer: int = 2,
+    roughly: float = FINELY,
 ) -> State:  # fmt: skip
     problem = bench.problem(bench.split.fit, effects, scales, limits)
-    minimum = minimise(problem, vector, doubts, outer, roughly=True)
+    minimum = minimise(problem, vector, doubts, outer, roughly)
     chosen = bench.problem(bench.split.select, effects, scales, limits)
     select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
     return State(problem.effects_at(minimum.vector), scales, limits, minimum, problem, select)
@@ -350,12 +378,19 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
     lin = linearise(state.problem, state.minimum.vector, hold(state.problem, state.minimum.vector))
     shares = port_shares(lin)
     wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
-    likely = [c for k, c in enumerate(catalogue(lin, state.effects)[:REFITTED]) if c.gain > wanted or k < SURELY]
+    most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
+    likely = [c for k, c in enumerate(catalogue(lin, state.effects)[:most]) if c.gain > wanted or k < most // 2]
     short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
-    if not state.effects:  # a fit that is far off bends everything else: look from the declared arm, too
+    if (
+        not state.effects and bench.heirs is None
+    ):  # a fit that is far off bends everything else: look from the declared arm, too
         vector = bench.guess.vector()
         declared = linearise(state.problem, vector, hold(state.problem, vector))
         short += [(c, declared) for c in catalogue(declared, ())[:SURELY]]
+    short += [
+        (Candidate(e, 0.0, tuple(max(abs(v), 1e-12) for v in e.values)), lin)
+        for e in bench.heirs or () if not any(_same(e, there) for there in state.effects)
+    ]  # fmt: skip
     tried: list[tuple[Candidate, State]] = []
     for candidate, origin in short:
         new = _with(bench, state, candidate, origin)
@@ -365,11 +400,13 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
     excess = max(state.select - dof, 1.0)
     named = [pair for pair in tried if pair[0].effect.name != "unknown"]
     drawn = [pair for pair in tried if pair[0].effect.name == "unknown"]
+    for kind, count in ((named, FINALISTS), (drawn, 1)):
+        kind.sort(key=lambda pair: pair[1].select)
+        kind[:count] = [(candidate, _polished(bench, new)) for candidate, new in kind[:count]]
+    tried = named + drawn
     best = min(named, key=lambda pair: pair[1].select, default=None)
     curve = min(drawn, key=lambda pair: pair[1].select, default=None)
-    if best is None or (
-        curve is not None and best[1].select - curve[1].select > LEAST_GAIN + CURVE_SHARE * (first - curve[1].select)
-    ):
+    if best is None or (curve is not None and _much_better(bench, curve[1].select - dof, best[1])):
         best = curve
     if best is None:
         return None
@@ -397,6 +434,13 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
     return best[1], entry
 
 
+def _much_better(bench: _Bench, by_curve: float, named: State) -> bool:
+    """Whether a learned curve, that can play any law of its variable, leaves so much less than a name that the name is wrong."""
+    by_name = named.select - degrees(bench.split.select)
+    found = errors(bench, named, bench.split.select)
+    return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and found.all > CLOSE / 2.0 * found.noise
+
+
 def _with(bench: _Bench, state: State, candidate: Candidate, lin: Linearised) -> State:
     """The model refitted with a candidate."""
     effects = (*state.effects, candidate.effect)
@@ -404,7 +448,12 @@ def _with(bench: _Bench, state: State, candidate: Candidate, lin: Linearised) ->
     limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
     vector = np.concatenate([lin.vector, candidate.effect.values])
     scales, limits = state.scales + candidate.scales, state.limits + limits
-    return _fitted(bench, vector, effects, scales, limits)
+    return _fitted(bench, vector, effects, scales, limits, (), 1, HASTILY)
+
+
+def _polished(bench: _Bench, state: State) -> State:
+    """The same model, fitted to the end."""
+    return _fitted(bench, state.minimum.vector, state.effects, state.scales, state.limits)
 
 
 def _pruned(bench: _Bench, state: State, entry: Added, progress: Callable[[str], None]) -> tuple[State, Added]:
@@ -460,7 +509,7 @@ def port_shares(lin: Linearised) -> tuple[tuple[str, int, float], ...]:
 
 def errors(bench: _Bench, state: State, data: Sequence[Evidence]) -> Errors:
     """Relative rms errors of the excited joint's angle at the excited lines of `data`."""
-    problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
+    problem = replace(bench.problem(tuple(data), state.effects, state.scales, state.limits), doubt=0.0)
     held = hold(problem, state.minimum.vector)
     squares: list[tuple[int, Array, Array, Array]] = []
     for one, kept in zip(data, held, strict=True):
@@ -491,7 +540,7 @@ def _groups(
     bench: _Bench, state: State, data: Sequence[Evidence]
 ) -> list[tuple[int, int, float, float, str, float, float]]:
     """Groups of lines beyond `DEPARTURE`: (record, joint, low, high, kind, level, chi^2 in excess)."""
-    problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
+    problem = replace(bench.problem(tuple(data), state.effects, state.scales, state.limits), doubt=0.0)
     held = hold(problem, state.minimum.vector)
     found = []
     for one, kept in zip(data, held, strict=True):

@@ -15,6 +15,8 @@ from ident.frf import Complex, moving_average
 MODEL_ACCURACY = 1e-8
 #: Lines over which the first guess of the noise power is smoothed, and the passes that replace it by its model.
 SMOOTHED, NOISE_PASSES = 15, 3
+#: Lines over which an angle is averaged that a doubt is relative to: a line that was not excited has none of its own.
+NEIGHBOURS = 7
 
 
 @dataclass(frozen=True)
@@ -51,5 +53,5 @@ def whitening(
         predicted = rows @ powers
     covariance: Complex = np.einsum("lij,j,lkj->lik", G, powers[:m], G.conj())
     i = np.arange(m)
-    covariance[:, i, i] += np.maximum(powers[m:], least) + (doubt * np.abs(theta)) ** 2
+    covariance[:, i, i] += np.maximum(powers[m:], least) + doubt**2 * moving_average(np.abs(theta) ** 2, min(NEIGHBOURS, L))
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=complex)

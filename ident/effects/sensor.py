@@ -48,7 +48,7 @@ class EncoderEccentricity(Effect):
 
     name, port = "encoder-eccentricity", "sensor"
     parameters = (
-        Parameter("amplitude", "rad", -0.5, 0.5, (0.005, 0.02), linear=True),
+        Parameter("amplitude", "rad", -0.05, 0.05, (0.005, 0.02), linear=True),
         Parameter("order", "1/rev", 1.0, 64.0, (1.0, 2.0), zero=None, whole=True),
         Parameter("phase", "rad", -np.pi, np.pi, (0.0, np.pi / 2), zero=None),
     )
