@@ -5,7 +5,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 ROBOT := robots/ypp3
 
-.PHONY: demo test lint fast bench lock clean
+.PHONY: demo test lint fast bench bench-loop lock clean
 .DELETE_ON_ERROR:
 
 demo: .venv/runtime
@@ -32,6 +32,10 @@ fast: .venv/dev
 bench: .venv/dev
 	$(BIN)/pytest -q -m bench
 	$(BIN)/python tests/bench/bench_peers.py
+
+# The blind study of the loop (tests/bench/RESULTS_LOOP.md): up to three hours on two cores; killed, it goes on where it was.
+bench-loop: .venv/dev
+	$(BIN)/python tests/bench/bench_loop.py
 
 # The lock files pin what was tested; run this to move to newer releases.
 lock:

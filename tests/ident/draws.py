@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from outside import OUTSIDE, OUTSIDE_RANGES
 
 from ident.bench import simulate
 from ident.campaign import Record
@@ -20,7 +21,7 @@ from symgen.robot import Robot
 #: numbers under "one of" is a choice; what is not here has its first plausible size.
 #: Dry friction of a tenth of the rms torque shows at every line, of half of it stops the joint; ripple that outweighs the
 #: hold puts the joint into another notch; a tenth of K in series or in parallel moves f_AR by 5 %.
-RANGES: Mapping[str, Mapping[str, tuple[object, ...]]] = {
+RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "motor-viscous": {"damping": (0.03, 0.3)},
     "motor-coulomb": {"level": (0.05, 0.3)},
     "motor-stribeck": {"level": (0.03, 0.1), "peak": (0.1, 0.3), "speed": (0.2, 0.6)},
@@ -53,6 +54,8 @@ RANGES: Mapping[str, Mapping[str, tuple[object, ...]]] = {
     "attached-resonator": {"inertia": (0.03, 0.2), "frequency": (10.0, 80.0)},
     "change-between-records": {"stiffness": ("+-", 0.05, 0.2)},
 }
+#: All that can be drawn.
+KINDS = CATALOGUE | OUTSIDE
 #: Seen only by a motor that gives a constant torque; a shift of rest that no line shows.
 SILENT = ("torque-offset",)
 #: What depends on all that a spring carries, gravity included.
@@ -78,8 +81,8 @@ def draw(
     scales: Mapping[str, Mapping[str, float]],
     records: int,
 ) -> Draw:
-    """An effect of the catalogue at a joint (from 0), the sizes as in `RANGES`; `records` how many the campaign has."""
-    cls = CATALOGUE[name]
+    """An effect of the catalogue, or outside it, at a joint (from 0), sizes as in `RANGES`; `records` the campaign has."""
+    cls, ranges = KINDS[name], (RANGES | OUTSIDE_RANGES)[name]
     at = None if cls.scope == ("arm",) else joint
     if cls is MotorCoupling and joint == chain.n - 1:
         at = joint - 1
@@ -87,8 +90,8 @@ def draw(
     share = scales["loaded"]["torque"] if name == "load-dependent-friction" else 1.0
     values = {}
     for p in cls.parameters:
-        if p.name in RANGES[name]:
-            values[p.name] = _drawn(rng, RANGES[name][p.name]) * scale(p.relative, unit) * share
+        if p.name in ranges:
+            values[p.name] = _drawn(rng, ranges[p.name]) * scale(p.relative, unit) * share
     if name == "change-between-records":
         values["record"] = float(rng.integers(2, max(3, records)))
     effect = cls.of(at, values)
@@ -110,20 +113,31 @@ def draws(
     """`count` effects over all of the catalogue by turns, at random joints that `cells` excite and that can show them."""
     names = [name for name in RANGES if name not in SILENT and (lock == "rigid" or name not in RIGID)]
     order = [name for _ in range(-(-count // len(names))) for name in rng.permutation(names)][:count]
-    excited = sorted({chain.names.index(name) for name, _ in cells})
-    known = {}
-    found = []
-    for name in order:
-        upright = [j for j in excited if _unloaded(chain, robot, j)]
-        joints = upright or excited if name == "backlash" else excited
-        if name == "joint-zero-offset":  # turned about gravity an arm is the same arm
-            joints = [j for j in excited if j not in upright] or excited
-        joint = int(rng.choice(joints))
-        if joint not in known:
-            posture = next(q for cell, q in cells if cell == chain.names[joint])
-            known[joint] = scales(chain, robot, joint, posture, lock=lock)
-        found.append(draw(rng, str(name), joint, chain, robot, known[joint], len(cells)))
-    return found
+    known: dict[int, Mapping[str, Mapping[str, float]]] = {}
+    return [draw_at_random(rng, str(name), chain, robot, cells, known, lock=lock) for name in order]
+
+
+def draw_at_random(
+    rng: np.random.Generator,
+    name: str,
+    chain: Chain,
+    robot: Robot,
+    cells: Sequence[tuple[str, np.ndarray]],
+    known: dict[int, Mapping[str, Mapping[str, float]]],
+    *,
+    lock: str = "dob",
+) -> Draw:
+    """The effect `name` at a random joint that `cells` excite and that can show it; `known` scales of joints, completed."""
+    excited = sorted({chain.names.index(cell) for cell, _ in cells})
+    upright = [j for j in excited if _unloaded(chain, robot, j)]
+    joints = upright or excited if name == "backlash" else excited
+    if name == "joint-zero-offset":  # turned about gravity an arm is the same arm
+        joints = [j for j in excited if j not in upright] or excited
+    joint = int(rng.choice(joints))
+    if joint not in known:
+        posture = next(q for cell, q in cells if cell == chain.names[joint])
+        known[joint] = scales(chain, robot, joint, posture, lock=lock)
+    return draw(rng, name, joint, chain, robot, known[joint], len(cells))
 
 
 def scales(

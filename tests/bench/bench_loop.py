@@ -1,0 +1,208 @@
+"""The blind study of the loop: effects drawn at random, simulated, diagnosed from the campaign file alone, judged.
+
+python tests/bench/bench_loop.py                          all of it (resumable), tests/bench/RESULTS_LOOP.md at its end
+python tests/bench/bench_loop.py --only one --count 30    a quick look: the table on the screen
+python tests/bench/bench_loop.py --case one-1-004         one case again, with all that the diagnosis says on its way
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import argparse
+import hashlib
+import json
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent / "ident"))
+
+from loop.cases import KINDS_OF_CASE, Case, arm, cases, drawn, truth, twin, write_json
+from loop.judge import ASKED, NEAR_CLEAN, bias, judged
+from loop.table import failures, table
+
+from ident.bench import in_parallel
+from ident.diagnose import diagnose
+from ident.diagnosis_json import verdict_document
+from ident.errors import ExperimentError
+from ident.store import read_campaign, write_campaign
+from symgen.plan import model_of_urdf
+
+COUNTS = {"clean": 100, "one": 156, "two": 52, "outside": 56}
+RESULTS = HERE / "RESULTS_LOOP.md"
+CACHE = HERE.parents[1] / "out" / "bench-loop"
+
+
+@dataclass(frozen=True)
+class Job:
+    """A case, and where its campaign and its result are kept; `keep` the campaign for another time."""
+
+    case: Case
+    directory: Path
+    results: Path
+    keep: bool
+
+
+def main() -> int:
+    options = _options()
+    results = options.cache / "results" / _fingerprint()
+    if options.case:
+        kind, seed, index = options.case.split("-")
+        chosen = [list(cases(kind, int(index) + 1, int(seed)))[-1]]
+        print(json.dumps(_worked(Job(chosen[0], options.cache, results, True), print), indent=1))
+        return 0
+    kinds = [options.only] if options.only else KINDS_OF_CASE
+    counts = {kind: options.count if options.count is not None else COUNTS[kind] for kind in kinds}
+    wanted = [case for kind in kinds for case in cases(kind, counts[kind], options.seed)]
+    wanted = [case for case in wanted if options.robot in (None, case.robot) and options.effect in (None, case.name)]
+    jobs = [
+        Job(case, options.cache, results, options.keep) for case in wanted if not (results / f"{case.id}.json").exists()
+    ]
+    jobs.sort(key=lambda job: job.case.robot != "arm6")  # the long ones first: none is waited for at the end
+    for done, line in enumerate(in_parallel(result, jobs, options.workers), 1):
+        print(f"{done}/{len(jobs)} {line}", flush=True)
+    found = list(_found(results, wanted))
+    text = table(found)
+    print(text + failures(found))
+    if not (options.only or options.robot or options.effect or options.count is not None):
+        write_text(text + failures(found), RESULTS)
+    return 0
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", choices=KINDS_OF_CASE)
+    parser.add_argument("--count", type=int)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--robot", choices=("ypp3", "arm6"))
+    parser.add_argument("--effect", help="draws of this effect only")
+    parser.add_argument("--case", help="one case by its id, with the diagnosis' own words")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--keep", action="store_true", help="keep the campaign files, and take those that were kept")
+    parser.add_argument("--cache", type=Path, default=CACHE)
+    return parser.parse_args()
+
+
+def result(job: Job) -> str:
+    """Works a case out and writes its result; returns one line about it."""
+    found = _worked(job, lambda line: None)
+    write_json(found, job.results / f"{job.case.id}.json")
+    wrong = [name for name, good in found["scores"].items() if not good]
+    return f"{job.case.id} {_said(found)} {', '.join(wrong) or 'right'}, {found['seconds']:.0f} s"
+
+
+def _said(found: dict[str, Any]) -> str:
+    true = [f"{t['name']}@{t['joint']}" for t in found["truth"]]
+    named = [f"{e['name']}@{e['joint']}" for e in found["effects"]]
+    return f"{' + '.join(true)} -> {found['status']} {' + '.join(named)}:"
+
+
+def _worked(job: Job, tell: Callable[[str], None]) -> dict[str, Any]:
+    """The result of a case: what was put in, what the diagnosis says, how it is judged."""
+    case = job.case
+    kept = job.directory / "campaigns" / f"{case.id}.h5"
+    file = kept if job.keep else kept.with_suffix(f".{os.getpid()}.h5")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    begin = time.process_time()
+    try:
+        known, campaign = drawn(case, job.directory, reuse=kept if kept.exists() and job.keep else None)
+        if campaign is not None:
+            write_campaign(campaign, file)
+    except ExperimentError as error:
+        return _entry(case, []) | {"status": f"not drawn: {error}"}
+    entry = _entry(case, truth(case, known.effects)) | {
+        "shows": [known.refitted, known.declared], "draws": known.draws, "simulated": time.process_time() - begin
+    }  # fmt: skip
+    lines: list[str] = []
+    began = (time.perf_counter(), time.process_time())
+
+    def progress(line: str) -> None:
+        lines.append(line)
+        tell(line)
+
+    try:
+        verdict = blind(file, arm(case.robot)[0].believe_zeros, progress)
+    except Exception:  # noqa: BLE001 - whatever it is, it is a verdict that was not given: count it, tell it, go on
+        wrong = dict.fromkeys(ASKED[case.kind], False)
+        return entry | {"status": "error", "scores": wrong, "said": [*lines, traceback.format_exc(limit=-3)]}
+    finally:
+        if not job.keep:
+            file.unlink(missing_ok=True)
+    scores, off = judged(case, entry["truth"], verdict), bias(case, known.effects, verdict)
+    if case.kind == "one":
+        clean = _clean_bias(job)
+        entry["clean bias"] = clean
+        scores["J(q)"] = clean is not None and off <= NEAR_CLEAN * clean
+    return entry | {
+        "status": verdict["status"], "effects": [_short(e) for e in verdict["effects"]], "scores": scores, "bias": off,
+        "error": [verdict["error"]["before"]["all"], verdict["error"]["after"]["all"], verdict["error"]["noise_floor"]],
+        "unexplained": verdict["unexplained"][:3], "said": lines,
+        "seconds": time.perf_counter() - began[0], "cpu": time.process_time() - began[1],
+    }  # fmt: skip
+
+
+def blind(file: Path, believe_zeros: bool, progress: Callable[[str], None]) -> dict[str, Any]:
+    """The verdict on a campaign file: nothing is known but what is in it."""
+    campaign = read_campaign(file)
+    model = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=believe_zeros)
+    return verdict_document(diagnose(campaign, model, progress=progress), [file])
+
+
+def _entry(case: Case, true: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"id": case.id, "kind": case.kind, "robot": case.robot, "truth": true, "name": case.name, "effects": [],
+            "status": "", "scores": {}, "said": [], "seconds": 0.0, "cpu": 0.0}  # fmt: skip
+
+
+def _short(effect: dict[str, Any]) -> dict[str, Any]:
+    """What is kept of an effect of a verdict."""
+    keep = {k: effect[k] for k in ("name", "joint", "port", "before", "after", "rivals")}
+    values = {name: p["value"] for name, p in effect["parameters"].items()}
+    return keep | {"values": values, "confounded_with": [[c["name"], c["joint"]] for c in effect["confounded_with"]],
+                   "ports": [[p["port"], p["joint"], round(p["share"], 3)] for p in effect["evidence"]["port_shares"][:3]]}  # fmt: skip
+
+
+def _clean_bias(job: Job) -> float | None:
+    """How wrong J(q) comes out of the same records without the effect: a clean case of its own where the lock is the usual one."""
+    case = twin(job.case)
+    results = job.results if case.lock == "dob" else job.results / case.lock
+    own = Job(case, job.directory, results, False)
+    path = results / f"{case.id}.json"
+    if not path.exists():
+        result(own)
+    found: float | None = json.loads(path.read_text()).get("bias")
+    return found
+
+
+def _found(results: Path, wanted: list[Case]) -> Iterator[dict[str, Any]]:
+    for case in wanted:
+        path = results / f"{case.id}.json"
+        if path.exists():
+            yield json.loads(path.read_text())
+
+
+def _fingerprint() -> str:
+    """Of the code that makes and judges a result: one of another code is not this one's."""
+    names = sorted(
+        name for name in sys.modules if name.split(".")[0] in ("ident", "symgen", "draws", "outside", "loop")
+    )
+    files = [sys.modules[name].__file__ for name in names]
+    return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files if file)).hexdigest()[:12]
+
+
+def write_text(text: str, path: Path) -> None:
+    beside = path.with_suffix(".tmp")
+    beside.write_text(text)
+    os.replace(beside, path)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

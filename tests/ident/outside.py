@@ -1,0 +1,132 @@
+"""Effects that are in no catalogue: written for tests only, so that a diagnosis meets what nobody has named for it.
+
+Every one is a torque that follows from what its port does; so a learned curve has a chance where no name has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, final
+
+import numpy as np
+
+from ident.effects.base import Effect, Law, Parameter, State
+from ident.effects.friction import direction
+
+
+@final
+class Detent(Law):
+    """Magnets that catch the motor at a few angles of every turn: narrow wells, flat ground between them."""
+
+    name, port = "detent", "motor"
+    parameters = (
+        Parameter("depth", "Nm", 0.0, 1.0, (0.05,), linear=True, relative="torque"),
+        Parameter("teeth", "", 1.0, 20.0, (3.0,), zero=None, whole=True),
+        Parameter("at", "rad", -np.pi, np.pi, (0.0,), zero=None),
+    )
+
+    def law(self, at: State) -> Any:
+        depth, teeth, where = self.values
+        x = teeth * at.theta - where
+        return -depth * np.sin(x) * np.exp(4.0 * (np.cos(x) - 1.0))
+
+
+@final
+class PlaceFriction(Law):
+    """Dry friction that depends on where the motor is: a shaft that is bent."""
+
+    name, port = "place-friction", "motor"
+    parameters = (
+        Parameter("level", "Nm", 0.0, 1.0, (0.1,), linear=True, relative="torque"),
+        Parameter("order", "", 1.0, 20.0, (5.0,), zero=None, whole=True),
+    )
+
+    def law(self, at: State) -> Any:
+        level, order = self.values
+        return -level * (1.0 + np.sin(order * at.theta)) * direction(at.omega, at.N)
+
+
+@final
+class EddyBrake(Law):
+    """An eddy-current brake: drag that is largest at one speed and falls beyond it."""
+
+    name, port = "eddy-brake", "motor"
+    parameters = (
+        Parameter("drag", "Nm", 0.0, 1.0, (0.1,), linear=True, relative="torque"),
+        Parameter("speed", "rad/s", 0.02, 5.0, (0.5,), zero=None, relative="rate"),
+    )
+
+    def law(self, at: State) -> Any:
+        drag, speed = self.values
+        v = at.omega / speed
+        return -2.0 * drag * v / (1.0 + v * v)
+
+
+@final
+class SaturatingMesh(Law):
+    """Preloaded teeth beside the spring: stiff near no load, no more than `torque` beyond."""
+
+    name, port = "saturating-mesh", "spring"
+    parameters = (
+        Parameter("torque", "Nm", 0.0, 1.0, (0.1,), linear=True, relative="torque"),
+        Parameter("width", "rad", 0.02, 5.0, (0.5,), zero=None, relative="angle"),
+    )
+
+    def law(self, at: State) -> Any:
+        torque, width = self.values
+        return torque * np.tanh(at.deflection / width)
+
+
+@final
+class RootDamper(Law):
+    """|v|^0.5 against the motion of the link: infinitely stiff at rest."""
+
+    name, port = "root-damper", "link"
+    parameters = (Parameter("level", "Nm s^0.5", 0.0, 10.0, (0.1,), linear=True, relative="torque"),)
+
+    def law(self, at: State) -> Any:
+        return -self["level"] * np.sign(at.q_rate) * np.sqrt(np.abs(at.q_rate))
+
+
+@final
+class LinkMagnets(Law):
+    """Cogging of the link: poles along its bearing, `order` a turn, no whole number of motor turns apart."""
+
+    name, port = "link-magnets", "link"
+    parameters = (
+        Parameter("amplitude", "Nm", 0.0, 1.0, (0.05,), linear=True, relative="torque"),
+        Parameter("order", "", 10.0, 1000.0, (270.0,), zero=None, whole=True),
+        Parameter("phase", "rad", -np.pi, np.pi, (0.0,), zero=None),
+    )
+
+    def law(self, at: State) -> Any:
+        amplitude, order, phase = self.values
+        return amplitude * np.sin(order * at.q + phase)
+
+
+@final
+class OneWayDamper(Law):
+    """A damper with a check valve: viscous one way, nothing the other."""
+
+    name, port = "one-way-damper", "link"
+    parameters = (Parameter("damping", "Nms/rad", 0.0, 10.0, (0.1,), linear=True, relative="torque/rate"),)
+
+    def law(self, at: State) -> Any:
+        return -self["damping"] * np.maximum(at.q_rate, 0.0)
+
+
+OUTSIDE: dict[str, type[Effect]] = {
+    kind.name: kind
+    for kind in (Detent, PlaceFriction, EddyBrake, SaturatingMesh, RootDamper, LinkMagnets, OneWayDamper)
+}
+
+#: As `draws.RANGES`. The root damper's level is in N m at 1 rad/s; links move at some 0.1 rad/s.
+OUTSIDE_RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
+    "detent": {"depth": (0.03, 0.1), "teeth": ("one of", 2, 3, 5), "at": ("+-", 0.1, 3.1)},
+    "place-friction": {"level": (0.05, 0.15), "order": ("one of", 3, 5, 7)},
+    "eddy-brake": {"drag": (0.05, 0.2), "speed": (0.3, 1.0)},
+    "saturating-mesh": {"torque": (0.03, 0.2), "width": (0.2, 0.8)},
+    "root-damper": {"level": (0.1, 0.5)},
+    "link-magnets": {"amplitude": (0.03, 0.1), "order": ("one of", 170, 230, 270), "phase": ("+-", 0.1, 3.1)},
+    "one-way-damper": {"damping": (0.05, 0.3)},
+}  # fmt: skip
