@@ -33,7 +33,7 @@ _SCALED = "no record without a known inertia tells a torque from an inertia: add
 _EXTRA_MODE = "excite the other joints: {a} and {b} give each of them another share of the extra resonance"
 
 #: For two effects at the same place, in either order.
-_TABLE: dict[tuple[str, str], tuple[str, str]] = {
+TABLE: dict[tuple[str, str], tuple[str, str]] = {
     ("input-delay", "time-offset"): (
         ("excite a neighbouring joint while this one is free to move: a late torque delays what this motor drives, a late "
         "angle delays what this encoder reads, whoever drives it"), "others"),
@@ -121,7 +121,7 @@ _TABLE: dict[tuple[str, str], tuple[str, str]] = {
 }  # fmt: skip
 
 #: What an effect is like: what separates it from those that the table does not hold it against.
-_FAMILIES = {
+FAMILIES = {
     "amplitude": (
         "motor-coulomb", "motor-stribeck", "motor-hysteresis", "motor-quadratic-drag", "link-coulomb", "spring-hardening",
         "backlash", "load-dependent-friction", "rigid-body-coupling",
@@ -146,18 +146,18 @@ def separation(a: str, b: str, same_joint: bool = True) -> Separation:
             f"the first records once more, last: a machine that changed stays changed, {other} does not", "repeat"
         )
     for pair in ((a, b), (b, a)):
-        if pair in _TABLE and (same_joint or a == b):
-            text, recipe = _TABLE[pair]
+        if pair in TABLE and (same_joint or a == b):
+            text, recipe = TABLE[pair]
             return Separation(text.format(a=a, b=b), recipe)
     if not same_joint:
         return Separation("excite each of the two joints alone, at the same postures", "others")
     if a == b:
         return Separation("more postures: nothing else is different between the two", "postures")
     for recipe in ("amplitude", "shift", "others", "postures"):
-        if (a in _FAMILIES[recipe]) != (b in _FAMILIES[recipe]):
+        if (a in FAMILIES[recipe]) != (b in FAMILIES[recipe]):
             return Separation(f"{RECIPES[recipe]}: it changes one of the two and not the other", recipe)
     for recipe in ("amplitude", "shift", "others", "postures"):
-        if a in _FAMILIES[recipe]:
+        if a in FAMILIES[recipe]:
             return Separation(f"{RECIPES[recipe]}: it changes both, by different laws", recipe)
     return Separation(f"{RECIPES['lines']}: the two differ in how they follow frequency", "lines")
 

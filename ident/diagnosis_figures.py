@@ -47,19 +47,22 @@ def before_after_figure(row: HeldOut) -> str:
 def law_figure(force: Force) -> str:
     """Returns what acted at a port, found from the records (dots) and as the effect has it, against the port's own motion."""
     names = {
-        "motor": ("motor angle [rad]", "motor velocity [rad/s]", "motor torque [N m]"),
-        "spring": ("deflection [rad]", "rate of deflection [rad/s]", "spring torque [N m]"),
-        "link": ("link angle [rad]", "link velocity [rad/s]", "spring torque [N m]"),
-        "sensor": ("motor angle [rad]", "motor velocity [rad/s]", "motor torque [N m]"),
+        "motor": ("motor angle - mean [rad]", "motor velocity [rad/s]", "motor torque [N m]"),
+        "spring": ("deflection - mean [rad]", "rate of deflection [rad/s]", "spring torque [N m]"),
+        "link": ("link angle - mean [rad]", "link velocity [rad/s]", "spring torque [N m]"),
+        "sensor": ("motor angle - mean [rad]", "motor velocity [rad/s]", "motor torque [N m]"),
     }[force.port]
     step = max(1, len(force.found) // INSTANTS)
     pick = slice(None, None, step)
     with drawing(7.4, 2.9, f"law {force.port} {force.joint} {force.record}") as (figure, svg):
         row = figure.subplots(1, 3, sharey=True)
         figure.subplots_adjust(left=0.1, right=0.985, top=0.86, bottom=0.18, wspace=0.08)
-        for axes, x, name in zip(row, (force.position, force.velocity, force.torque), names, strict=True):
+        for axes, x, name in zip(
+            row, (force.position - force.position.mean(), force.velocity, force.torque), names, strict=True
+        ):
             _cloud(axes, x[pick], force.found[pick], force.law[pick])
             axes.set_xlabel(name)
+            axes.locator_params(axis="x", nbins=5)
         row[0].set_ylabel("error of the angle [rad]" if force.port == "sensor" else "torque [N m]")
         row[0].plot([], [], linestyle="none", marker=".", color=DATA, label="from the records, no law assumed")
         row[0].plot([], [], linestyle="none", marker=".", color=FIT, label="the effect")

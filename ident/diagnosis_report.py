@@ -63,12 +63,12 @@ def sentence(verdict: dict[str, Any]) -> str:
 
 def detail(verdict: dict[str, Any]) -> str:
     """The sentence's numbers."""
-    e, J = verdict["error"], verdict["inertia"]["J"]
-    fell = f"Held-out error {_percent(e['before']['all'])} before, {_percent(e['after']['all'])} after; noise alone makes {_percent(e['noise_floor'])}."
+    e, worst = verdict["error"], _worst(verdict)
     if not verdict["effects"]:
         return f"Held-out error {_percent(e['after']['all'])}; noise alone makes {_percent(e['noise_floor'])}."
-    worst = float(np.max(np.array(J["change_rms"], dtype=float)))
-    return f"{fell} Without the effects the entries of J(q) were off by up to {_percent(worst)} (rms over postures)."
+    fell = f"Held-out error {_percent(e['before']['all'])} before, {_percent(e['after']['all'])} after"
+    off = f" Without the effects {worst[1]} was off by {_percent(worst[0])} (rms over postures)." if worst else ""
+    return f"{fell}; noise alone makes {_percent(e['noise_floor'])}.{off}"
 
 
 def meaning(effect: dict[str, Any]) -> str:
@@ -120,14 +120,19 @@ def text(verdict: dict[str, Any], brief: bool = False) -> str:
                 for row in verdict["unexplained"][: 3 if brief else None]
             ),
         ]
-    if not brief:
-        J = np.array(verdict["inertia"]["J"]["change_rms"], dtype=float)
-        if verdict["effects"]:
-            n = len(J)
-            worst = [(float(J[i, j]), entry(i, j, n)) for i in range(n) for j in range(i, n)]
-            share, name = max(worst)
-            lines += ["", f"J(q) without the effects: {name} off by {_percent(share)} rms over the workspace."]
+    worst = _worst(verdict)
+    if worst and verdict["effects"]:
+        lines += ["", f"J(q) without the effects: {worst[1]} off by {_percent(worst[0])} rms over the workspace."]
     return "\n".join(lines)
+
+
+def _worst(verdict: dict[str, Any]) -> tuple[float, str] | None:
+    """The entry of J(q) that was off most (rms over postures), of those that changed by more than three times what they are
+    known to."""
+    J = verdict["inertia"]["J"]
+    n = len(J["change_rms"])
+    rows = [(J["change_rms"][i][j], J["std_after"][i][j], entry(i, j, n)) for i in range(n) for j in range(i, n)]
+    return max(((off, name) for off, std, name in rows if off and std is not None and off > 3.0 * std), default=None)
 
 
 def _names(effects: list[dict[str, Any]]) -> str:

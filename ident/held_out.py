@@ -58,7 +58,7 @@ def held_out(d: Diagnosis) -> tuple[HeldOut, ...]:
 def _left(state: State, data: Sequence[Evidence]) -> list[tuple[Complex, Complex]]:
     """theta - G tau [L, m] of each record, and its weights [L, m, m]: of all lines, judged or not."""
     whole = tuple(replace(one, judged=None) for one in data)
-    problem = replace(state.problem, data=whole)
+    problem = replace(state.problem, data=whole, doubt=0.0)
     held = hold(problem, state.minimum.vector)
     return [
         (residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W)
@@ -115,18 +115,20 @@ class Force:
 
 
 def reconstructed(d: Diagnosis, effect: Effect) -> Force | None:
-    """Returns the force that the records want where the effect acts, in the record that shows it best; None for an effect of
+    """Returns the force that the records want where the effect acts, in the record of its joint that shows it best; None for an effect of
     the structure or of the whole arm, which has no port."""
     if effect.joint is None or effect.port not in PORTS:
         return None
     problem, vector = without(d.end, effect)
+    problem = replace(problem, doubt=0.0)
     lin = linearise(problem, vector, hold(problem, vector))
     key = (effect.port, effect.joint)
     powers = [
         float(np.sum(np.abs(_along(ports[key], r)[1]) ** 2)) if key in ports else 0.0
         for ports, r in zip(lin.ports, lin.r, strict=True)
     ]
-    at = int(np.argmax(powers))
+    own = [k for k, one in enumerate(lin.problem.data) if one.excited == effect.joint] or list(range(len(powers)))
+    at = max(own, key=lambda k: powers[k])
     one, ports, r = lin.problem.data[at], lin.ports[at], lin.r[at]
     if key not in ports:
         return None
@@ -135,7 +137,7 @@ def reconstructed(d: Diagnosis, effect: Effect) -> Force | None:
         1.0 - 1.0 / np.maximum(np.abs(clear) ** 2, 1.0), 0.0
     )  # Wiener: what noise is, is left out
     with_it = d.end.problem.data[at]
-    full = hold(replace(d.end.problem, data=(with_it,)), d.end.minimum.vector)[0]
+    full = hold(replace(d.end.problem, data=(with_it,), doubt=0.0), d.end.minimum.vector)[0]
     moved = full.moved
     assert moved is not None
     motion = moved.motion
@@ -207,7 +209,7 @@ def _largest(parts: dict[str, float], total: float) -> dict[str, float]:
 def sources(d: Diagnosis, bands: Sequence[tuple[float, float]]) -> list[tuple[str, int, float] | None]:
     """Returns for each band [Hz] the (port, joint) whose free force explains most of what the last model leaves there, and
     its share of it; None where nothing is left."""
-    problem, vector = d.end.problem, d.end.minimum.vector
+    problem, vector = replace(d.end.problem, doubt=0.0), d.end.minimum.vector
     lin = linearise(problem, vector, hold(problem, vector))
     return [_source(lin, low, high) for low, high in bands]
 

@@ -1,0 +1,43 @@
+"""For every two effects there is an experiment that separates them, or it is said that there is none."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import pytest
+
+from ident.confounded import FAMILIES, NEVER, RECIPES, TABLE, never_told_apart, separation
+from ident.effects.catalogue import CATALOGUE
+
+NAMES = [*CATALOGUE, "unknown"]
+
+
+@pytest.mark.parametrize("same_joint", [True, False])
+def test_every_pair_has_a_way_in_one_line_whatever_the_order(same_joint):
+    for a, b in product(NAMES, NAMES):
+        found = separation(a, b, same_joint)
+        assert found.recipe in RECIPES and found.separate_by and "\n" not in found.separate_by
+        assert "{" not in found.separate_by
+        assert separation(b, a, same_joint).recipe == found.recipe, (a, b)
+
+
+def test_the_table_names_effects_that_there_are():
+    assert {name for pair in TABLE for name in pair} <= set(CATALOGUE)
+    members = [name for family in FAMILIES.values() for name in family]
+    assert len(members) == len(set(members))
+    assert set(CATALOGUE) - set(members) == {"change-between-records"}
+
+
+def test_friction_laws_differ_at_small_amplitudes_and_loads_at_postures():
+    assert separation("motor-coulomb", "motor-stribeck").recipe == "amplitude"
+    assert separation("motor-coulomb", "load-dependent-friction").recipe == "postures"
+    assert separation("motor-coulomb", "motor-coulomb", same_joint=False).recipe == "others"
+    assert separation("torque-scale", "payload").recipe == "mass"
+
+
+def test_a_delay_of_all_joints_and_a_time_offset_of_all_are_one():
+    assert never_told_apart("input-delay", None, 3) == ("time-offset",)
+    assert never_told_apart("time-offset", 0, 1) == ("input-delay",)
+    assert never_told_apart("input-delay", 0, 3) == ()
+    assert never_told_apart("payload", None, 1) == ("inertial-parameters",)
+    assert NEVER.recipe in RECIPES

@@ -1,0 +1,150 @@
+"""verdict.json is what the format promises: every key, no NaN, and the numbers of the diagnosis."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosed import JOINT, LEVEL, REPORT, SELECT, diagnosis, unexplained
+
+from ident.diagnosis_json import result_document, verdict_document, write
+from ident.effects.learned import learned
+from ident.effects.motor import TorqueRipple
+from ident.errors import IdentError
+
+KEYS = {"format", "version", "input", "status", "declared", "effects", "error", "inertia", "unexplained"}
+EFFECT = {"name", "joint", "port", "parameters", "before", "after", "evidence", "rivals", "confounded_with"}
+RESULT = {
+    "joints", "alpha", "K", "J_m", "D", "chi2_per_dof", "explained", "not_identifiable", "physically_consistent", "method",
+    "records",
+}  # fmt: skip
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "campaign.h5"
+    path.write_bytes(b"not read, only signed")
+    return path
+
+
+def strict(document):
+    """The document as another program reads it; ValueError for NaN."""
+    return json.loads(json.dumps(document, allow_nan=False))
+
+
+def blind(d, name):
+    """The same diagnosis, had no record shown this constant."""
+    k = 4 * d.campaign.n + d.model.names.index(name)
+    information = np.array(d.end.minimum.information)
+    information[k], information[:, k] = 0.0, 0.0
+    return replace(d, end=replace(d.end, minimum=replace(d.end.minimum, information=information)))
+
+
+def test_the_verdict_has_every_key_of_the_format(file):
+    d = diagnosis()
+    v = strict(verdict_document(d, [file]))
+    assert set(v) >= KEYS and (v["format"], v["version"]) == ("frf-verdict", 1)
+    assert v["input"]["sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert (v["input"]["file"], v["input"]["records"], v["input"]["kind"]) == (str(file), 6, "campaign")
+    assert v["error"]["split"]["select"] == [d.campaign.records[k].id for k in SELECT]
+    assert v["error"]["split"]["report"] == [d.campaign.records[k].id for k in REPORT]
+    assert set(v["error"]["split"]["fit"]).isdisjoint(v["error"]["split"]["select"] + v["error"]["split"]["report"])
+    assert v["error"]["before"]["all"] == d.before.all and v["error"]["after"]["per_band"] == d.after.per_band
+    assert v["error"]["noise_floor"] == d.after.noise
+
+
+def test_the_effect_is_the_one_that_was_put_in(file):
+    (effect,) = verdict_document(diagnosis(), [file])["effects"]
+    assert set(effect) >= EFFECT
+    assert (effect["name"], effect["joint"], effect["port"]) == ("motor-coulomb", "joint2", "motor")
+    level = effect["parameters"]["level"]
+    assert level["unit"] == "Nm" and abs(level["value"] / LEVEL - 1.0) < 0.01  # what the band's end costs
+    assert 0.0 < level["std"] < 0.01 * LEVEL
+    assert effect["evidence"]["statistic"] > effect["evidence"]["threshold"] > 0.0
+    first = effect["evidence"]["port_shares"][0]
+    assert (first["port"], first["joint"]) == ("motor", "joint2")
+    assert effect["before"] > effect["after"] > 0.0
+
+
+def test_each_rival_stands_once_and_one_as_good_is_confounded(file):
+    (effect,) = verdict_document(diagnosis(), [file])["effects"]
+    assert [(r["name"], round(r["after"] / effect["after"], 3)) for r in effect["rivals"]] == [
+        ("motor-stribeck", 1.001), ("link-coulomb", 2.0)]  # fmt: skip
+    (other,) = effect["confounded_with"]
+    assert (other["name"], other["joint"], other["recipe"]) == ("motor-stribeck", "joint2", "amplitude")
+    assert "amplitude" in other["separate_by"]
+
+
+def test_constants_that_no_record_shows_have_no_deviation(file):
+    d = blind(diagnosis(), "alpha_13")
+    inertia = verdict_document(d, [file])["inertia"]
+    assert set(inertia["alpha_before"]) == set(inertia["alpha_after"]) == set(d.model.names)
+    std = {name: row["std"] for name, row in inertia["alpha_after"].items()}
+    assert std["alpha_31"] is not None and std["alpha_13"] is None
+    value = inertia["alpha_after"]["alpha_31"]["value"]
+    assert abs(value / 0.0466 - 1.0) < 0.005
+    off = abs(inertia["alpha_before"]["alpha_31"]["value"] - value) / 0.0466
+    assert inertia["J"]["change_rms"][2][2] == pytest.approx(off, rel=1e-9)
+    assert (
+        inertia["J"]["std_after"][0][0] is inertia["J"]["change_rms"][0][0] is None
+        and inertia["J"]["std_after"][2][2] < 0.01
+    )
+
+
+def test_whole_numbers_have_no_deviation_and_curves_tell_themselves(file):
+    d = diagnosis()
+    ripple = TorqueRipple(JOINT, (0.0, 4.0, 0.1))
+    curve = learned("motor", "position", [-1.0, 0.0, 1.0])(JOINT, (0.0, 0.0, 0.0))
+    for effect, std in ((ripple, (0.1, 0.0, 0.2)), (curve, (0.1,) * 3)):
+        problem = replace(
+            d.end.problem, effects=(effect,), scale=np.append(d.end.problem.scale[:-1], [1.0] * 3),
+            low=np.append(d.end.problem.low[:-1], [-9.0] * 3), high=np.append(d.end.problem.high[:-1], [9.0] * 3),
+            free=np.append(d.end.problem.free[:-1], [True] * 3),
+        )  # fmt: skip
+        P = problem.base + 3
+        vector = np.append(d.end.minimum.vector[:-1], effect.values)
+        information = np.zeros((P, P))
+        information[:-2, :-2] = d.end.minimum.information
+        minimum = replace(d.end.minimum, vector=vector, information=information)
+        end = replace(d.end, effects=(effect,), problem=problem, minimum=minimum)
+        one = replace(d, end=end, added=(replace(d.added[0], effect=effect, std=std),))
+        (told,) = strict(verdict_document(one, [file]))["effects"]
+        if effect is ripple:
+            assert [p["std"] for p in told["parameters"].values()] == [0.1, None, 0.2]
+        else:
+            assert told["name"] == "unknown" and told["curve"]["variable"] == "position"
+            assert told["curve"]["knots"] == [-1.0, 0.0, 1.0]
+
+
+def test_what_is_left_is_told_where_it_acts(file):
+    v = strict(verdict_document(unexplained(), [file]))
+    assert v["status"] == "unexplained" and v["effects"] == []
+    first, second = v["unexplained"]
+    assert (first["joint"], first["port"], first["band_hz"]) == ("joint2", "motor", [3.0, 10.0])
+    assert (first["odd"], first["even"], first["share"]) == (True, False, pytest.approx(0.7))
+    assert first["measured_at"] == ["joint1", "joint2"]
+    assert (second["odd"], second["even"]) == (False, True)
+
+
+def test_the_result_has_the_keys_that_fit_promises():
+    r = strict(result_document(blind(diagnosis(), "alpha_13")))
+    assert set(r) >= RESULT
+    assert r["K"]["value"] == pytest.approx([5500.0, 4500.0, 4500.0], rel=2e-3)
+    assert all(std > 0.0 for std in r["K"]["std"])
+    assert r["effects"][0]["name"] == "motor-coulomb"
+    (missing,) = r["not_identifiable"]
+    assert "alpha_13" in missing["what"]
+
+
+def test_a_document_is_written_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "deep" / "verdict.json"
+    write({"a": None}, path)
+    assert json.loads(path.read_text()) == {"a": None}
+    with pytest.raises(ValueError, match="JSON"):
+        write({"a": float("nan")}, path)
+    assert json.loads(path.read_text()) == {"a": None}
+    with pytest.raises(IdentError, match="verdict.json"):
+        write({}, tmp_path / "deep" / "verdict.json" / "verdict.json")

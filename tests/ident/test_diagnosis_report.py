@@ -1,0 +1,72 @@
+"""The report says what the verdict says, shows it, and needs nothing but itself."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from xml.etree import ElementTree as ET
+
+import pytest
+from diagnosed import diagnosis, unexplained
+
+from ident.diagnosis_json import verdict_document
+from ident.diagnosis_report import html, sentence, text, todo
+
+HOSTILE = "<script>alert(1)</script> {{ 7 }} & co"
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "campaign.h5"
+    path.write_bytes(b"")
+    return path
+
+
+def test_the_page_opens_with_what_was_found_and_holds_before_and_after(file):
+    d = diagnosis()
+    v = verdict_document(d, [file])
+    page = html(d, v)
+    assert page.index("lacks motor-coulomb at joint2") < page.index("<svg") < page.index("Error on records")
+    figures = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
+    assert len(figures) == 2  # before and after; the law
+    for figure in figures:
+        ET.fromstring(figure)
+    assert not re.search(r"https?://(?!www\.w3\.org)|<script|<link|@import", page)
+    assert f"{100 * d.after.all:.3g}"[:4] in page
+    assert "These records do not tell it from motor-stribeck" in page
+    assert "nan" not in re.sub(r"<[^>]*>", " ", page).lower().split()
+
+
+def test_what_stands_in_the_file_cannot_break_the_page(file):
+    d = diagnosis()
+    d = replace(d, campaign=replace(d.campaign, source=HOSTILE))
+    page = html(d, verdict_document(d, [file], [HOSTILE]))
+    assert HOSTILE not in page and page.count("&lt;script&gt;alert(1)") == 2
+
+
+def test_what_is_unexplained_is_said_with_joint_port_band_and_parity(file):
+    d = unexplained()
+    v = verdict_document(d, [file])
+    assert sentence(v).endswith("the motor of joint2, 3-10 Hz, odd lines.")
+    page = html(d, v)
+    assert "What stays unexplained" in page and page.count("<svg") == 1
+    assert "ident next" in " ".join(todo(v))
+
+
+def test_nothing_found_is_said_plainly(file):
+    d = replace(unexplained(), departures=(), status="explained")
+    v = verdict_document(d, [file])
+    assert sentence(v) == "Nothing is missing: the declared model explains every record within its noise."
+    assert "What stays unexplained" not in html(d, v)
+
+
+def test_the_text_is_one_table_and_one_line_an_effect(file):
+    d = diagnosis()
+    lines = text(verdict_document(d, [file])).splitlines()
+    row = next(line for line in lines if line.startswith("all "))
+    assert [float(x) for x in row.split()[1:]] == pytest.approx(
+        [100 * d.before.all, 100 * d.after.all, 100 * d.after.noise], rel=5e-3
+    )
+    assert sum(line.startswith("1. motor-coulomb at joint2: level 0.0039") for line in lines) == 1
+    brief = text(verdict_document(d, [file]), brief=True)
+    assert "next best" in "\n".join(lines) and "next best" not in brief

@@ -1,0 +1,108 @@
+"""The next experiment is one that the robot can play and that changes what has to change."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from diagnosed import campaign, diagnosis
+
+from ident.coupled import uncertainty
+from ident.diagnosis_json import FILE, verdict_document, write
+from ident.errors import IdentError
+from ident.export import write_arm
+from ident.next_experiment import SMALLER, plan_next, wanted
+from ident.store import write_campaign
+from symgen.plan import chain_of_robot, load_plan_cells, make_model
+from symgen.robot import load_robot
+
+
+@pytest.fixture(scope="module")
+def verdict(tmp_path_factory):
+    """A directory as ident diagnose leaves it, and its verdict."""
+    out, d = tmp_path_factory.mktemp("out"), diagnosis()
+    file = out / "campaign.h5"
+    write_campaign(d.campaign, file)
+    problem, found = d.end.problem, d.end.minimum
+    p = problem.parameters(found.vector)
+    covariance, unseen, _ = uncertainty(problem, found)
+    write_arm(d.campaign, d.model, p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring, out)
+    return out, verdict_document(d, [file])
+
+
+def planned(verdict, recipe, **change):
+    """The next experiment, had the first confounded pair needed this recipe."""
+    out, document = verdict
+    document = json.loads(json.dumps(document))
+    effect = document["effects"][0]
+    effect["confounded_with"][0]["recipe"] = recipe
+    effect |= change
+    write(document, out / FILE)
+    return plan_next(out)
+
+
+def test_friction_that_falls_with_speed_is_looked_for_at_small_motions(verdict):
+    found = planned(verdict, "amplitude")
+    robot = load_robot(found.files[0])
+    model = make_model(chain_of_robot(robot), believe_zeros=robot.believe_zeros)
+    cells = load_plan_cells(found.files[1], model)
+    assert {cell.joint for cell in cells} == {"joint2"} and len(cells) == len(found.cells) == 2
+    record = campaign().records[1]
+    swing = np.abs(record.theta[-1000:, 1] - record.theta[-1000:, 1].mean()).max() / 100
+    assert 0.5 * SMALLER * swing < robot.experiment.swing < 2.0 * SMALLER * swing
+    assert all(file.is_file() for file in found.files)
+    assert (robot.drive("joint2").K, robot.drive("joint2").D) == (4500.0, 3e-5)  # as declared
+    assert robot.urdf.read_text() == campaign().urdf  # so that both campaigns are of one robot
+    played = np.loadtxt(next(f for f in found.files if f.name == "0001.csv"), delimiter=",", skiprows=1)
+    assert len(played) == 1000 and np.abs(played[:, 1]).max() > 0.0
+
+
+def test_new_postures_are_far_from_those_measured(verdict):
+    found = planned(verdict, "postures")
+    measured = np.array([record.posture for record in campaign().records])
+    assert len(found.cells) >= 3
+    for cell in found.cells:
+        assert np.abs(measured - cell.q).max(axis=1).min() > 0.3
+
+
+def test_a_shift_is_a_quarter_of_the_ripple(verdict):
+    order = {"parameters": {"order": {"value": 4.0, "std": None, "unit": "1/rev"}}}
+    found = planned(verdict, "shift", **order)
+    measured = np.array([r.posture for r in campaign().records if r.excited == "joint2"])
+    steps = sorted(
+        {round(float(np.abs(measured - cell.q)[:, 1].min()) / (2 * np.pi / (100 * 4 * 4)), 6) for cell in found.cells}
+    )
+    assert steps == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("recipe", "joints"), [("others", 3), ("lines", 1), ("repeat", 3), ("mass", 3), ("link-sensor", 3)]
+)
+def test_every_recipe_is_ready_to_run(verdict, recipe, joints):
+    found = planned(verdict, recipe)
+    assert len({cell.joint for cell in found.cells}) == joints
+    e = load_robot(found.files[0]).experiment
+    assert (e.f0, e.band[1]) == ((0.5, 400.0) if recipe == "lines" else (1.0, pytest.approx(99.0, abs=1.1)))
+    assert len(found.text.splitlines()) == 2 and str(found.files[1]) in found.text
+    assert json.loads(json.dumps(found.document()))["recipe"] == recipe
+
+
+def test_what_is_unexplained_asks_by_its_parity():
+    row = {"joint": "joint2", "port": "motor", "band_hz": [3.0, 10.0], "share": 1.0}
+    for odd, even, recipe in ((True, False, "amplitude"), (True, True, "shift"), (False, False, "others")):
+        wish = wanted({"effects": [], "unexplained": [row | {"odd": odd, "even": even}]})
+        assert wish is not None and (wish.recipe, wish.joint) == (recipe, "joint2")
+    assert wanted({"effects": [], "unexplained": []}) is None
+
+
+def test_what_is_missing_is_said_in_one_line(verdict, tmp_path):
+    with pytest.raises(IdentError, match="verdict.json: no such file; expected what ident diagnose wrote"):
+        plan_next(tmp_path)
+    (tmp_path / FILE).write_text("[]")
+    with pytest.raises(IdentError, match="not a verdict"):
+        plan_next(tmp_path)
+    document = dict(verdict[1], input={"file": str(tmp_path / "gone.h5")})
+    write(document, tmp_path / FILE)
+    with pytest.raises(IdentError, match="gone.h5: no such file"):
+        plan_next(tmp_path)
