@@ -31,6 +31,7 @@ from ident.candidates import Candidate, bounds, catalogue, curves, units
 from ident.coupled import DOUBTS, declared_start, problem_of
 from ident.deviations import Deviation, deviations
 from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
 from ident.errors import IdentError
 from ident.frf import Complex, Frf, estimate
 from ident.trace import PORTS, Linearised, linearise
@@ -60,6 +61,8 @@ CURVE_RATIO, CURVE_SHARE = 0.3, 0.05
 LEFT, ENOUGH, CLOSE = 0.03, 3e-3, 3.0
 #: Effects whose chi^2 on the choosing records differ by less than this are not told apart.
 TIE = 12.0
+#: Variance of J(q) at a record that does not fit, in units of one record's own: more, and it has to fit.
+LEVERAGE = 3.0
 #: Excited lines in a row that go to the same kind where lines take the place of records.
 BLOCK = 3
 #: Bands [Hz] in which errors are told, as far as the records reach.
@@ -301,20 +304,32 @@ def split(data: tuple[Evidence, ...], model: Model) -> Split:
 
 
 def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> dict[int, str]:
-    """Moves records to those that fit until these show what all show."""
-    rows = [model.J_rows(one.scene.posture).reshape(-1, len(model.names)) for one in data]
+    """Moves records to those that fit, the one least told by them first, until these tell what J(q) is at all the others.
 
-    def rank(which: Sequence[int]) -> int:
-        return int(np.linalg.matrix_rank(np.concatenate([rows[k] for k in which]), tol=1e-6)) if which else 0
-
-    wanted = rank(range(len(data)))
-    for k in sorted(kinds, key=lambda k: kinds[k] != "select"):
-        fitting = [j for j, kind in kinds.items() if kind == "fit"]
-        if rank(fitting) == wanted:
-            break
-        if kinds[k] != "fit" and rank([*fitting, k]) > rank(fitting):
-            kinds[k] = "fit"
-    return kinds
+    What they tell: the variance of J_ij(q) / sqrt(J_ii J_jj) there, each entry measured once by each record, unit error.
+    """
+    rows = []
+    for one in data:
+        size = np.sqrt(np.diag(model.J_cad(one.scene.posture)))
+        rows.append((model.J_rows(one.scene.posture) / np.outer(size, size)[..., None]).reshape(-1, len(model.names)))
+    scale = np.linalg.norm(np.concatenate(rows), axis=0)
+    rows = [row / np.where(scale > 0.0, scale, 1.0) for row in rows]
+    while True:
+        fitting = [rows[k] for k, kind in kinds.items() if kind == "fit"]
+        others = [k for k, kind in kinds.items() if kind != "fit"]
+        if not others:
+            return kinds
+        spread = np.linalg.pinv(sum(row.T @ row for row in fitting), rcond=1e-9, hermitian=True)
+        seen = spread @ sum(row.T @ row for row in fitting)
+        told = {
+            k: float(np.einsum("ia,ab,ib->i", rows[k], spread, rows[k]).max())
+            + 1e6 * float(np.abs(rows[k] @ (np.eye(len(seen)) - seen)).max() > 1e-6)
+            for k in others
+        }
+        worst = max(told, key=lambda k: told[k])
+        if told[worst] <= LEVERAGE:
+            return kinds
+        kinds[worst] = "fit"
 
 
 def _split_lines(data: tuple[Evidence, ...]) -> Split:
@@ -404,7 +419,7 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
         kind.sort(key=lambda pair: pair[1].select)
         kind[:count] = [(candidate, _polished(bench, new)) for candidate, new in kind[:count]]
     tried = named + drawn
-    best = min(named, key=lambda pair: pair[1].select, default=None)
+    best = _plainest(named)
     curve = min(drawn, key=lambda pair: pair[1].select, default=None)
     if best is None or (curve is not None and _much_better(bench, curve[1].select - dof, best[1])):
         best = curve
@@ -432,6 +447,18 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
         port_shares=shares,
     )  # fmt: skip
     return best[1], entry
+
+
+def _plainest(named: Sequence[tuple[Candidate, State]]) -> tuple[Candidate, State] | None:
+    """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters."""
+    if not named:
+        return None
+    limit = min(pair[1].select for pair in named) + TIE
+    order = list(CATALOGUE)
+    return min(
+        (pair for pair in named if pair[1].select <= limit),
+        key=lambda pair: (len(pair[0].effect.values), order.index(pair[0].effect.name), pair[1].select),
+    )
 
 
 def _much_better(bench: _Bench, by_curve: float, named: State) -> bool:

@@ -1,0 +1,80 @@
+"""The loop on simulated records: nothing found where nothing is, the right name, joint and size where something is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.bench import simulate
+from ident.campaign import Campaign
+from ident.diagnose import Diagnosis, diagnose, split
+from ident.effects.catalogue import parse
+from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
+from symgen.robot import load_robot
+
+ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
+CELLS = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells] * 2
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return make_model(chain_of_robot(ROBOT), believe_zeros=True)
+
+
+def campaign(*effects: str) -> Campaign:
+    chain = chain_of_robot(SHORT)
+    drives = [SHORT.drive(name) for name in chain.names]
+    return simulate(chain, SHORT, CELLS, effects=[parse(text, drives) for text in effects], workers=1, seed=11)
+
+
+def diagnosed(model: Model, *effects: str) -> Diagnosis:
+    return diagnose(campaign(*effects), model)
+
+
+def test_nothing_is_found_where_nothing_is(model: Model) -> None:
+    found = diagnosed(model)
+    assert (found.status, found.added, found.off, found.departures) == ("explained", (), (), ())
+    assert found.after.all < 1.1 * found.after.noise
+    kinds = [{one.index for one in part} for part in (found.split.fit, found.split.select, found.split.report)]
+    assert all(kinds) and sum(map(len, kinds)) == len(set.union(*kinds)) == len(CELLS)  # they share no record
+    lone = split(found.split.fit[:1], model)
+    lines = [part[0].use for part in (lone.fit, lone.select, lone.report)]
+    assert lone.note and np.all(np.sum(lines, axis=0) == 1)  # nor a line
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "joint", "values"),
+    [
+        ("torque-lag:time=0.0008@joint3", "torque-lag", 2, [0.0008]),
+        pytest.param("link-viscous:damping=0.3@joint2", "link-viscous", 1, [0.3], marks=pytest.mark.bench),
+        pytest.param("motor-coulomb:level=0.001@joint2", "motor-coulomb", 1, [0.001], marks=pytest.mark.bench),
+    ],
+)
+def test_an_effect_is_named_sized_and_gone(model: Model, text: str, name: str, joint: int, values: list[float]) -> None:
+    """To 5 %: what three short records of a joint tell; held-out errors are at the noise again."""
+    found = diagnosed(model, text)
+    assert found.status == "effect-found"
+    (added,) = found.added
+    assert (added.effect.name, added.effect.joint) == (name, joint)
+    np.testing.assert_allclose(added.effect.values, values, rtol=0.05)
+    assert found.before.all > 3.0 * found.after.all and found.after.all < 1.1 * found.after.noise
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "joint", "value"),
+    [
+        ("motor-viscous:damping=3e-5@joint2", "motor-viscous", 1, 3e-5),
+        pytest.param("motor-inertia:inertia=8e-6@joint1", "motor-inertia", 0, 8e-6, marks=pytest.mark.bench),
+    ],
+)
+def test_a_declared_number_that_is_off_is_named(model: Model, text: str, name: str, joint: int, value: float) -> None:
+    found = diagnosed(model, text)
+    assert found.status == "effect-found" and not found.added
+    first = found.off[0]
+    assert (first.deviation.name, first.deviation.joint) == (name, joint)
+    assert first.deviation.values[0][1] == pytest.approx(value, rel=0.05)
+    assert first.before > 2.0 * first.after
