@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from ident.campaign import Campaign
     from ident.effects.base import Effect
     from ident.identify import Identification
-    from symgen.robot import Drive
+    from symgen.robot import Drive, Robot
 
 #: Notes printed with --brief.
 _BRIEF = 3
@@ -53,6 +54,8 @@ def _parser() -> argparse.ArgumentParser:
             "--lock", choices=("dob", "rigid"), default="dob",
             help="hold the other joints by PD and disturbance observer on their motors (dob), or weld them (rigid)",
         )  # fmt: skip
+    simulate.add_argument("--spacing", type=float, metavar="HZ", help="of the lines, in place of robot.toml's")
+    simulate.add_argument("--periods", type=int, metavar="N", help="recorded, the settling ones included, likewise")
     simulate.add_argument(
         "--plan", metavar="PLAN.json", help="the cells of this plan (symgen, ident next) in place of the robot's own"
     )
@@ -198,7 +201,7 @@ def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str,
     from symgen.plan import chain_of_robot, load_plan_cells, make_model, plan_of_robot
     from symgen.robot import load_robot
 
-    robot = load_robot(options.robot)
+    robot = _shortened(load_robot(options.robot), options)
     if getattr(options, "plan", None):
         model = make_model(chain_of_robot(robot), believe_zeros=robot.believe_zeros)
         planned = load_plan_cells(options.plan, model)
@@ -217,6 +220,24 @@ def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str,
         )
     records = [job.id for job in jobs]
     return robot.believe_zeros, {"campaign": str(path), "records": records, "source": empty.source, "notes": notes}
+
+
+def _shortened(robot: Robot, options: argparse.Namespace) -> Robot:
+    """The robot with the line spacing and the periods of the command line, where they are given."""
+    e = robot.experiment
+    f0, periods = getattr(options, "spacing", None), getattr(options, "periods", None)
+    if f0 is not None:
+        samples = e.fs / f0 if f0 > 0.0 else 0.0
+        if not (e.fs / 2 > e.band[1] >= f0 > 0.0 and abs(samples - round(samples)) < 1e-9 * samples):
+            raise IdentError(
+                f"--spacing {f0:g}: expected Hz that divide the sampling rate of {e.fs:g} Hz, below {e.band[1]:g}"
+            )
+        e = replace(e, f0=f0, band=(max(e.band[0], f0), e.band[1]))
+    if periods is not None:
+        if periods < 2:
+            raise IdentError(f"--periods {periods}: expected 2 or more (at least one settles)")
+        e = replace(e, periods=periods)
+    return replace(robot, experiment=e)
 
 
 def _simulate(options: argparse.Namespace) -> int:

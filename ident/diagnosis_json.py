@@ -53,6 +53,7 @@ def verdict_document(d: Diagnosis, files: Sequence[str | Path], notes: Sequence[
         "version": VERSION,
         "input": {
             "file": str(files[0]),
+            "path": str(Path(files[0]).resolve()),
             "sha256": hashlib.sha256(Path(files[0]).read_bytes()).hexdigest(),
             "more_files": [str(file) for file in files[1:]],
             "records": len(records),

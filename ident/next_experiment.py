@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Sequence
@@ -148,9 +149,12 @@ def _verdict(out: Path) -> dict[str, Any]:
 
 
 def _campaign(verdict: dict[str, Any]) -> Campaign:
-    file = verdict["input"]["file"]
-    if not os.path.isfile(file):
-        raise IdentError(f"{file}: no such file; expected the campaign that was diagnosed")
+    given = verdict["input"]
+    file = next((path for path in (given["file"], given.get("path", "")) if os.path.isfile(path)), None)
+    if file is None:
+        raise IdentError(f"{given['file']}: no such file; expected the campaign that was diagnosed")
+    if hashlib.sha256(Path(file).read_bytes()).hexdigest() != given["sha256"]:
+        raise IdentError(f"{file}: has changed since it was diagnosed; run ident diagnose again")
     return read_campaign(file)
 
 

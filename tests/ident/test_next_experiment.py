@@ -106,3 +106,7 @@ def test_what_is_missing_is_said_in_one_line(verdict, tmp_path):
     write(document, tmp_path / FILE)
     with pytest.raises(IdentError, match="gone.h5: no such file"):
         plan_next(tmp_path)
+    document = dict(verdict[1], input=verdict[1]["input"] | {"sha256": "0" * 64})
+    write(document, tmp_path / FILE)
+    with pytest.raises(IdentError, match="has changed since it was diagnosed"):
+        plan_next(tmp_path)
