@@ -58,6 +58,8 @@ RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
 KINDS = CATALOGUE | OUTSIDE
 #: Seen only by a motor that gives a constant torque; a shift of rest that no line shows.
 SILENT = ("torque-offset",)
+#: What a gear under load never shows.
+UNLOADED = ("backlash", "saturating-mesh")
 #: What depends on all that a spring carries, gravity included.
 LOADED = ("spring-hardening", "load-dependent-friction")
 #: What a rigid lock is needed for.
@@ -130,7 +132,7 @@ def draw_at_random(
     """The effect `name` at a random joint that `cells` excite and that can show it; `known` scales of joints, completed."""
     excited = sorted({chain.names.index(cell) for cell, _ in cells})
     upright = [j for j in excited if _unloaded(chain, robot, j)]
-    joints = upright or excited if name == "backlash" else excited
+    joints = upright or excited if name in UNLOADED else excited
     if name == "joint-zero-offset":  # turned about gravity an arm is the same arm
         joints = [j for j in excited if j not in upright] or excited
     joint = int(rng.choice(joints))
