@@ -39,12 +39,16 @@ from symgen.plan import model_of_urdf
 
 COUNTS = {"clean": 100, "one": 156, "two": 52, "outside": 56}
 RESULTS = HERE / "RESULTS_LOOP.md"
+#: What makes records, and what makes and judges results.
+MAKERS = ("symgen", "draws", "outside", "loop.cases", "ident.effects", *(f"ident.{name}" for name in (
+    "bench", "bodies", "delay", "design", "dob", "excitation", "injection", "machine", "plant", "ports", "store")))  # fmt: skip
+JUDGES = ("symgen", "draws", "outside", "loop", "ident")
 CACHE = HERE.parents[1] / "out" / "bench-loop"
 
 
 @dataclass(frozen=True)
 class Job:
-    """A case, and where its campaign and its result are kept; `keep` the campaign for another time."""
+    """A case, and the directories of what is drawn and of its result; `keep` the campaign for another time."""
 
     case: Case
     directory: Path
@@ -54,19 +58,18 @@ class Job:
 
 def main() -> int:
     options = _options()
-    results = options.cache / "results" / _fingerprint()
+    results = options.cache / "results" / _fingerprint(*JUDGES)
+    records = options.cache / "records" / _fingerprint(*MAKERS)
     if options.case:
         kind, seed, index = options.case.split("-")
         chosen = [list(cases(kind, int(index) + 1, int(seed)))[-1]]
-        print(json.dumps(_worked(Job(chosen[0], options.cache, results, True), print), indent=1))
+        print(json.dumps(_worked(Job(chosen[0], records, results, True), print), indent=1))
         return 0
     kinds = [options.only] if options.only else KINDS_OF_CASE
     counts = {kind: options.count if options.count is not None else COUNTS[kind] for kind in kinds}
     wanted = [case for kind in kinds for case in cases(kind, counts[kind], options.seed)]
     wanted = [case for case in wanted if options.robot in (None, case.robot) and options.effect in (None, case.name)]
-    jobs = [
-        Job(case, options.cache, results, options.keep) for case in wanted if not (results / f"{case.id}.json").exists()
-    ]
+    jobs = [Job(case, records, results, options.keep) for case in wanted if not (results / f"{case.id}.json").exists()]
     jobs.sort(key=lambda job: job.case.robot != "arm6")  # the long ones first: none is waited for at the end
     for done, line in enumerate(in_parallel(result, jobs, options.workers), 1):
         print(f"{done}/{len(jobs)} {line}", flush=True)
@@ -189,12 +192,10 @@ def _found(results: Path, wanted: list[Case]) -> Iterator[dict[str, Any]]:
             yield json.loads(path.read_text())
 
 
-def _fingerprint() -> str:
-    """Of the code that makes and judges a result: one of another code is not this one's."""
-    names = sorted(
-        name for name in sys.modules if name.split(".")[0] in ("ident", "symgen", "draws", "outside", "loop")
-    )
-    files = [sys.modules[name].__file__ for name in names]
+def _fingerprint(*packages: str) -> str:
+    """Of the code in these packages or modules: what other code made is not taken for its own."""
+    names = [name for name in sys.modules if any(name == p or name.startswith(p + ".") for p in packages)]
+    files = [sys.modules[name].__file__ for name in sorted(names)]
     return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files if file)).hexdigest()[:12]
 
 
