@@ -194,7 +194,7 @@ def test_a_posture_other_than_the_declared_one_is_a_status_with_its_distance():
     assert estimate(made, campaign(JOINT)).offset == pytest.approx([0], abs=5e-4)
     frf = estimate(replace(made, posture=np.array([0.5])), campaign(JOINT))
     assert frf.offset == pytest.approx([-0.1], abs=5e-4)
-    assert "joint1 rests -0.0997 from its declared posture" in frf.status[0]
+    assert f"joint1 rests {frf.offset[0]:+.3g} from its declared posture" in frf.status[0]
     unknown = replace(campaign(JOINT), K=np.array([np.nan]))
     assert estimate(made, unknown).offset == pytest.approx([100 * 0.3 / 4500], abs=5e-4)
 
