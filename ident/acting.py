@@ -48,6 +48,7 @@ class Scene:
     lines: NDArray[np.int64]
     f0: float
     fs: float
+    hold: str
     tau: Complex
     theta: Complex
     noise: Array
@@ -205,6 +206,8 @@ def _motion(
     theta = scene.theta - on["reading"]
     theta = theta if linear.angle_gain is None else theta / linear.angle_gain
     tau = scene.tau if linear.torque_gain is None else scene.tau * linear.torque_gain
+    if scene.hold == "zoh":  # what a held torque is at its own line: smaller, and half a sample late
+        tau = tau * (-np.expm1(-s / scene.fs) * scene.fs / s)
     x, K = theta / N, p.K[live] + s * p.D_spring[live]
     rotor = s**2 * (N**2 * p.J_m[live]) + s * (N**2 * p.D[live])
     by_motor = N * tau + on["motor"] - rotor * x
@@ -232,7 +235,7 @@ def _motion(
     ]
     A = np.concatenate([w[..., None] * row for w, row, _ in rows], axis=1)
     b = np.concatenate([w * value for w, _, value in rows], axis=1)[..., None]
-    size = np.linalg.norm(A, axis=1)
+    size: Array = np.linalg.norm(A, axis=1)
     A = A / size[:, None, :]
     adjoint = np.swapaxes(A.conj(), 1, 2)
     found = np.linalg.solve(adjoint @ A, adjoint @ b)[..., 0] / size
@@ -241,8 +244,8 @@ def _motion(
     stack = np.stack([theta, s * theta, tau, q, s * q, x - q, s * (x - q), spring], axis=1)
     periods = scene.in_time(stack).transpose(1, 0, 2)  # 8, S, m
     mean_tau, mean_theta = scene.means
-    twist, none = scene.N * mean_tau / p.K, np.zeros(scene.n)
-    means = [mean_theta, none, mean_tau, mean_theta / scene.N - twist, none, twist, none, scene.N * mean_tau]
+    twist, still = scene.N * mean_tau / p.K, np.zeros(scene.n)
+    means = [mean_theta, still, mean_tau, mean_theta / scene.N - twist, still, twist, still, scene.N * mean_tau]
     whole: list[Array] = []
     for mean, period in zip(means, periods, strict=True):
         signal = np.tile(mean, (scene.samples, 1))

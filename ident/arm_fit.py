@@ -149,6 +149,7 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
         lines=band.lines[use],
         f0=band.f0,
         fs=campaign.fs,
+        hold=campaign.hold,
         tau=band.tau[use][:, live],
         theta=band.theta[use][:, live],
         noise=np.maximum(errors, floors),

@@ -26,6 +26,8 @@ SMALL = 1e-3
 FREQUENCIES, STIFFNESSES, PEAKS = 16, 6, 4
 #: Knots of a learned curve.
 KNOTS = 9
+#: Largest change from one record to the next from which a fit starts.
+CHANGE = 0.1
 #: A first-order size beyond these factors of the one tried says that another one is meant.
 WITHIN = (0.02, 50.0)
 
@@ -282,6 +284,11 @@ def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequen
         c, gain = lin.step([added(lin, effect)])
         if not WITHIN[0] < c[0] < WITHIN[1]:
             return None
+    if kind.shares is not Effect.shares:  # of first order only: a large change is a guess
+        values = [
+            v if p.zero is None else float(np.clip(v, -CHANGE, CHANGE))
+            for v, p in zip(values, kind.parameters, strict=True)
+        ]
     scales = []
     for k, (p, u) in enumerate(zip(kind.parameters, unit, strict=True)):
         low, high = bounds(p, u)

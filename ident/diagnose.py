@@ -427,7 +427,7 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
         return None
     gain = state.select - best[1].select
     least = CURVE_SHARE * first if best is curve else 0.0
-    if gain < max(LEAST_GAIN, LEAST_SHARE * excess, least):
+    if gain < max(LEAST_GAIN, LEAST_SHARE * excess, least, ENOUGH * (first - dof)):
         return None
     report = bench.split.report
     winner = best[0].key
@@ -530,7 +530,9 @@ def port_shares(lin: Linearised) -> tuple[tuple[str, int, float], ...]:
         for key, a in ports.items():
             along = np.abs(np.sum(a.conj() * r, axis=1)) ** 2 / np.maximum(np.sum(np.abs(a) ** 2, axis=1), 1e-300)
             left[key] = left.get(key, 0.0) + 2.0 * float(np.sum(along[use])) - 2.0 * int(use.sum())
-    shares = [(port, joint, value / max(total, 1e-300)) for (port, joint), value in left.items() if port in PORTS]
+    shares = [
+        (port, joint, value / total if total > 0.0 else 0.0) for (port, joint), value in left.items() if port in PORTS
+    ]
     return tuple(sorted(shares, key=lambda share: -share[2]))
 
 

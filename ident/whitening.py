@@ -53,5 +53,7 @@ def whitening(
         predicted = rows @ powers
     covariance: Complex = np.einsum("lij,j,lkj->lik", G, powers[:m], G.conj())
     i = np.arange(m)
-    covariance[:, i, i] += np.maximum(powers[m:], least) + doubt**2 * moving_average(np.abs(theta) ** 2, min(NEIGHBOURS, L))
+    covariance[:, i, i] += np.maximum(powers[m:], least) + doubt**2 * moving_average(
+        np.abs(theta) ** 2, min(NEIGHBOURS, L)
+    )
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=complex)

@@ -37,7 +37,9 @@ def variable(at: State, port: str, name: str) -> tuple[Any, Any]:
 def learned(port_name: str, variable_name: str, at: Sequence[float]) -> type[Effect]:
     """The kind of curve with knots `at` for a port: the units of its heights are the port's torque."""
     low, high = -1e3, 1e3
-    heights = tuple(Parameter(f"height_{k + 1}", "Nm", low, high, (0.0,), linear=True, relative="torque") for k in range(len(at)))
+    heights = tuple(
+        Parameter(f"height_{k + 1}", "Nm", low, high, (0.0,), linear=True, relative="torque") for k in range(len(at))
+    )
 
     class Curve(Learned):
         port = port_name
