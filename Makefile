@@ -16,6 +16,9 @@ demo: .venv/runtime
 	$(BIN)/ident fit out/ypp3/dob/campaign.h5 -o out/ypp3/coupled --method all --believe-zeros --brief
 	@echo; echo "== Other joints rigid, as in the paper's simulation"
 	$(BIN)/ident run $(ROBOT) -o out/ypp3/rigid --lock rigid
+	@echo; echo "== Records of an arm with something that nobody declared: found, added, before and after"
+	$(BIN)/ident simulate $(ROBOT) --spacing 0.5 --periods 3 --effect input-delay:time=0.001@joint1 -o out/ypp3/undeclared.h5
+	$(BIN)/ident diagnose out/ypp3/undeclared.h5 -o out/ypp3/diagnosis --brief; test $$? -eq 1
 
 test: lint fast
 

@@ -178,7 +178,10 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
     e, c = added.effect, d.campaign
     by_record, by_band = carried(d, e)
     rivals = _distinct(((r.name, r.joint, error) for r, error in added.rivals), e)
-    as_good = [(name, joint) for name, joint, error in rivals if error <= AS_GOOD * added.after and name != "unknown"]
+    as_good = [
+        (name, joint) for name, joint, error in rivals
+        if error <= AS_GOOD * added.after and name != "unknown" and d.status != "unexplained"
+    ]  # fmt: skip
     entry: dict[str, Any] = {
         "name": e.name,
         "joint": _joint(c, e.joint),

@@ -85,7 +85,7 @@ def todo(verdict: dict[str, Any]) -> list[str]:
     lines = []
     for effect in verdict["effects"]:
         for other in effect["confounded_with"]:
-            lines.append(f"To tell {effect['name']} from {other['name']}: {other['separate_by']}.")
+            lines.append(f"To tell {_named(effect)} from {_named(other)}: {other['separate_by']}.")
     if verdict["unexplained"]:
         lines.append(f"Look at {_place(verdict['unexplained'][0])}: ident next plans records that show it best.")
     if verdict["effects"]:
@@ -108,7 +108,7 @@ def text(verdict: dict[str, Any], brief: bool = False) -> str:
         lines.append(f"{name:<22}" + "".join(f"{_cell(value):>9}" for value in (before, after, noise)))
     for k, effect in enumerate(verdict["effects"]):
         lines += ["", f"{k + 1}. {_named(effect)}: {_values(effect)}"]
-        lines += [f"   not told from {other['name']}: {other['separate_by']}" for other in effect["confounded_with"]]
+        lines += [f"   not told from {_named(other)}: {other['separate_by']}" for other in effect["confounded_with"]]
         rivals = ", ".join(f"{_named(rival)} {_percent(rival['after'])}" for rival in effect["rivals"])
         if rivals and not brief:
             lines.append(f"   next best: {rivals}")
