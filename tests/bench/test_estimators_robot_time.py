@@ -14,7 +14,7 @@ from study import case, error, fitted, markdown, publish
 from vendor import write_robot
 
 from ident.certainty import certainty
-from symgen.plan import chain_of_robot, make_plan, reflected_inertia
+from symgen.plan import chain_of_robot, feasible_postures, make_plan, reflected_inertia
 from symgen.robot import Robot
 
 DIAGONAL_ONLY, PAPER = 37, 60.0  # cells, seconds a record
@@ -25,8 +25,9 @@ TARGET = 0.01
 
 def columns(robot: Robot) -> list[tuple[str, np.ndarray]]:
     chain = chain_of_robot(robot)
-    plan = make_plan(chain, rotor=reflected_inertia(chain, robot.drives), columns=True)
-    return [(cell["joint"], np.array(cell["q"])) for cell in plan.document["columns"]["cells"]]
+    feasible = feasible_postures(chain, robot.urdf, robot.drives, robot.gravity)
+    plan = make_plan(chain, rotor=reflected_inertia(chain, robot.drives), feasible=feasible, columns=True)
+    return [(cell["joint"], np.array(cell["q"])) for cell in plan.document["column_plan"]["cells"]]
 
 
 @pytest.mark.bench

@@ -20,10 +20,10 @@ from ident.frf import estimate
 from symgen.plan import Model, make_model
 from symgen.urdf import load_chain
 
-TRIES = 100
+TRIES = 25
 LINES = np.arange(3, 240, 4)
 #: Random starts and datasheets are off by up to this factor in K and J_m, ten times in damping; CAD by up to half.
-FACTORS = (1.5, 2.0, 3.0)
+FACTORS = (1.5, 3.0)
 
 
 @pytest.fixture(scope="module")
@@ -75,4 +75,4 @@ def test_random_starts_end_at_one_optimum(model: Model) -> None:
             good += bool(np.all(np.abs(found.alpha - model.alpha_cad) < 5 * std) and found.explained)
         rows.append([f"arms, datasheets off by up to a factor {factor:g}", f"{good} of {TRIES}"])
     publish("Start values", markdown(["what was random", "right"], rows))
-    assert rows[0][1] == f"{TRIES} of {TRIES}" and rows[3][1] == f"{TRIES} of {TRIES}"
+    assert rows[0][1] == f"{TRIES} of {TRIES}" and rows[len(FACTORS)][1] == f"{TRIES} of {TRIES}"
