@@ -162,16 +162,15 @@ def separation(a: str, b: str, same_joint: bool = True) -> Separation:
     return Separation(f"{RECIPES['lines']}: the two differ in how they follow frequency", "lines")
 
 
-def never_told_apart(name: str, joint: int | None, n: int) -> tuple[str, ...]:
-    """Effects that no record of motor torques and angles tells from this one, whatever is excited, on an n-joint arm.
+def never_told_apart(name: str, alone: bool, only: bool = False) -> tuple[str, ...]:
+    """Effects that no record of motor torques and angles tells from this one, whatever is excited.
 
-    Where all joints share it, or there is no other, a torque that acts late is an angle read late: both turn the phase of
-    every response by the same angle. The only link of an arm with one joint is its payload, too.
+    `alone`: all joints share the effect, or its joint moves no other one: then a torque that acts late is an angle read
+    late, as both turn the phase of all there is to see by the same angle. `only`: the arm has one joint, whose link is
+    its payload, too.
     """
-    if joint is not None and n > 1:
-        return ()
-    pairs = [("input-delay", "time-offset")]
-    if n == 1:
+    pairs = [("input-delay", "time-offset")] if alone or only else []
+    if only:
         pairs.append(("payload", "inertial-parameters"))
     return tuple(b if name == a else a for a, b in pairs if name in (a, b))
 

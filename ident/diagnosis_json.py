@@ -33,6 +33,8 @@ POSTURES, SEED = 1000, 0
 SOURCE = 0.5
 #: A rival that leaves at most this times the held-out error is not told apart by these records.
 AS_GOOD = 1.02
+#: A joint moves no other whose J_ij is below this part of its J_ii.
+DECOUPLED = 1e-9
 #: An effect's port shares that are told.
 SHARES_TOLD = 6
 
@@ -202,7 +204,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
             ],
         },
         "rivals": [{"name": name, "joint": _joint(c, joint), "after": error} for name, joint, error in rivals],
-        "confounded_with": _confounded(c, e.name, e.joint, [*((t.name, t.joint) for t in added.tied), *as_good]),
+        "confounded_with": _confounded(d, e.name, e.joint, [*((t.name, t.joint) for t in added.tied), *as_good]),
     }
     if isinstance(e, Learned):
         entry["curve"] = {"variable": e.variable, "knots": list(e.knots), "heights": list(e.values), "unit": "Nm"}
@@ -229,7 +231,7 @@ def _off(d: Diagnosis, off: Off) -> dict[str, Any]:
             "port_shares": [],
         },
         "rivals": [],
-        "confounded_with": _confounded(c, one.name, one.joint, one.tied),
+        "confounded_with": _confounded(d, one.name, one.joint, one.tied),
     }
 
 
@@ -243,10 +245,11 @@ def _distinct(rivals: Iterable[tuple[str, int | None, float]], e: Effect) -> lis
 
 
 def _confounded(
-    c: Campaign, name: str, joint: int | None, tied: Iterable[tuple[str, int | None]]
+    d: Diagnosis, name: str, joint: int | None, tied: Iterable[tuple[str, int | None]]
 ) -> list[dict[str, Any]]:
     """What these records do not tell from an effect, and what no record of this kind ever does."""
-    never = never_told_apart(name, joint, c.n)
+    c = d.campaign
+    never = never_told_apart(name, joint is None or _moves_no_other(d.model, joint), c.n == 1)
     found: dict[tuple[str, int | None], Separation] = {(other, joint): NEVER for other in never}
     for other, place in tied:
         if (other, place) != (name, joint):
@@ -255,6 +258,13 @@ def _confounded(
         {"name": other, "joint": _joint(c, place), "separate_by": by.separate_by, "recipe": by.recipe}
         for (other, place), by in found.items()
     ]
+
+
+def _moves_no_other(model: Model, joint: int) -> bool:
+    """Whether J_ij of this joint is zero for every other one, at random postures."""
+    J = model.J_cad(model.random_postures(POSTURES, np.random.default_rng(SEED)))
+    others = np.arange(model.chain.n) != joint
+    return bool(np.abs(J[:, joint, others]).max(initial=0.0) < DECOUPLED * np.abs(J[:, joint, joint]).max())
 
 
 def _inertia(d: Diagnosis) -> dict[str, Any]:

@@ -35,9 +35,10 @@ def test_friction_laws_differ_at_small_amplitudes_and_loads_at_postures():
     assert separation("torque-scale", "payload").recipe == "mass"
 
 
-def test_a_delay_of_all_joints_and_a_time_offset_of_all_are_one():
-    assert never_told_apart("input-delay", None, 3) == ("time-offset",)
-    assert never_told_apart("time-offset", 0, 1) == ("input-delay",)
-    assert never_told_apart("input-delay", 0, 3) == ()
-    assert never_told_apart("payload", None, 1) == ("inertial-parameters",)
+def test_a_late_torque_of_a_joint_that_moves_no_other_is_a_late_angle():
+    assert never_told_apart("input-delay", alone=True) == ("time-offset",)
+    assert never_told_apart("time-offset", alone=False, only=True) == ("input-delay",)
+    assert never_told_apart("input-delay", alone=False) == ()
+    assert never_told_apart("payload", alone=True, only=True) == ("inertial-parameters",)
+    assert never_told_apart("payload", alone=True) == ()
     assert NEVER.recipe in RECIPES

@@ -1,0 +1,74 @@
+"""ident diagnose and ident next by the user's own commands, on a robot that is as declared."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ident.cli import main
+from symgen.robot import load_robot
+
+ROOT = Path(__file__).parents[2]
+WRITTEN = {"verdict.json", "report.html", "result.json", "robot.toml", "identified.urdf", "identified.xml", "J.casadi"}
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("diagnose") / "campaign.h5"
+    assert main(["simulate", str(ROOT / "robots/ypp3"), "--spacing", "1", "--periods", "3", "-o", str(file)]) == 0
+    return file
+
+
+@pytest.fixture(scope="module")
+def out(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Diagnosed, with nothing to be found."""
+    directory = tmp_path_factory.mktemp("out")
+    assert main(["diagnose", str(campaign), "-o", str(directory)]) == 0
+    return directory
+
+
+def test_a_robot_as_declared_is_explained(out: Path, campaign: Path) -> None:
+    verdict = json.loads((out / "verdict.json").read_text())
+    assert (verdict["status"], verdict["effects"], verdict["unexplained"]) == ("explained", [], [])
+    assert (verdict["input"]["file"], verdict["input"]["records"]) == (str(campaign), 8)
+    assert {path.name for path in out.iterdir()} >= WRITTEN
+    assert load_robot(out).drive("joint1").K == pytest.approx(5500.0, rel=1e-3)
+
+
+def test_json_is_one_document_and_nothing_else(
+    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["diagnose", str(campaign), "-o", str(tmp_path), "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "verdict.json").read_text())
+
+
+def test_nothing_found_leaves_nothing_to_do_next(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["next", str(out)]) == 0
+    assert capsys.readouterr().out.startswith("Nothing is left to tell apart")
+    assert not (out / "next").exists()
+
+
+def test_misuse_is_one_line_and_writes_nothing(
+    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    foreign = tmp_path / "robot"
+    foreign.mkdir()
+    (foreign / "robot.toml").write_text("[robot]\n")
+    other = tmp_path / "other.h5"
+    assert main(["simulate", str(ROOT / "robots/scara4"), "--spacing", "2", "--periods", "2", "-o", str(other)]) == 0
+    capsys.readouterr()
+    for arguments, said in (
+        (["diagnose", "none.h5", "-o", str(tmp_path / "a")], "none.h5: no such file"),
+        (["diagnose", str(campaign), "-o", str(foreign)], "a robot's own file"),
+        (["diagnose", str(campaign), str(other), "-o", str(tmp_path / "a")], "expected campaigns of one robot"),
+        (["next", str(tmp_path)], "expected what ident diagnose wrote"),
+        (["simulate", str(ROOT / "robots/ypp3"), "--spacing", "0.3", "-o", str(tmp_path / "x.h5")], "divide the sampling"),
+        (["simulate", str(ROOT / "robots/ypp3"), "--periods", "1", "-o", str(tmp_path / "x.h5")], "2 or more"),
+    ):
+        assert main(arguments) == 2, arguments
+        error = capsys.readouterr().err
+        assert said in error and error.startswith("ident: ") and error.count("\n") == 1
+    assert not (tmp_path / "a").exists() and not (tmp_path / "x.h5").exists()
