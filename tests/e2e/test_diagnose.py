@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from ident.cli import main
+from ident.diagnosis_report import text
 from symgen.robot import load_robot
 
 ROOT = Path(__file__).parents[2]
@@ -65,10 +66,31 @@ def test_misuse_is_one_line_and_writes_nothing(
         (["diagnose", str(campaign), "-o", str(foreign)], "a robot's own file"),
         (["diagnose", str(campaign), str(other), "-o", str(tmp_path / "a")], "expected campaigns of one robot"),
         (["next", str(tmp_path)], "expected what ident diagnose wrote"),
-        (["simulate", str(ROOT / "robots/ypp3"), "--spacing", "0.3", "-o", str(tmp_path / "x.h5")], "divide the sampling"),
+        (
+            ["simulate", str(ROOT / "robots/ypp3"), "--spacing", "0.3", "-o", str(tmp_path / "x.h5")],
+            "divide the sampling",
+        ),
         (["simulate", str(ROOT / "robots/ypp3"), "--periods", "1", "-o", str(tmp_path / "x.h5")], "2 or more"),
     ):
         assert main(arguments) == 2, arguments
         error = capsys.readouterr().err
         assert said in error and error.startswith("ident: ") and error.count("\n") == 1
     assert not (tmp_path / "a").exists() and not (tmp_path / "x.h5").exists()
+
+
+def test_readme_shows_the_commands_and_the_table_that_there_are() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = readme.split("<!-- diagnose -->")[1].split("```")[1].strip().splitlines()
+    errors = {"all": 0.44, "per_joint": {}, "per_band": {}}
+    verdict = {
+        "status": "effect-found",
+        "effects": [{"name": "input-delay", "joint": "joint1", "parameters": {}, "rivals": [], "confounded_with": []}],
+        "unexplained": [],
+        "inertia": {"J": {"change_rms": [[None]], "std_after": [[None]]}},
+        "error": {"before": errors, "after": errors | {"all": 0.0014}, "noise_floor": 0.00164}
+        | {"noise_per_joint": {}, "noise_per_band": {}},
+    }
+    assert text(verdict).splitlines()[: len(shown)] == shown
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    effect = "--spacing 0.5 --periods 3 --effect input-delay:time=0.001@joint1"
+    assert effect in readme and effect in makefile  # the numbers shown are those of make demo
