@@ -316,18 +316,19 @@ def unexplained(d: Diagnosis) -> list[dict[str, Any]]:
         here = [one for one in d.departures if (one.low, one.high) == (low, high)]
         kinds = {one.kind for one in here}
         measured = max(here, key=lambda one: one.share).joint
-        clear = source is not None and source[2] > SOURCE
+        clear = source is not None and source.share > SOURCE
         rows.append(
             {
-                "joint": d.campaign.joints[source[1] if clear and source else measured],
-                "port": source[0] if clear and source else None,
+                "joint": d.campaign.joints[source.joint if clear and source else measured],
+                "port": source.ports[0] if clear and source else None,
+                "ports": source.ports if clear and source else (),
                 "band_hz": [low, high],
                 "odd": True if "odd" in kinds or ("excited" in kinds and odd_only) else None if "excited" in kinds else False,
                 "even": True if "even" in kinds else None if "excited" in kinds and not odd_only else False,
                 "share": sum(one.share for one in here),
                 "chi2_per_dof": max(one.level for one in here),
                 "measured_at": sorted({d.campaign.joints[one.joint] for one in here}),
-                "source_share": source[2] if source else None,
+                "source_share": source.share if source else None,
             }
         )  # fmt: skip
     return sorted(rows, key=lambda row: -float(row["share"]))

@@ -159,7 +159,7 @@ def _place(row: dict[str, Any]) -> str:
     """Where and how something unexplained shows."""
     lines = " and ".join(kind for kind in ("odd", "even") if row[kind]) or "excited"
     low, high = row["band_hz"]
-    port = f"the {row['port']} of {row['joint']}" if row["port"] else row["joint"]
+    port = f"{' or '.join(row['ports'])} of {row['joint']}" if row["ports"] else row["joint"]
     return f"{port}, {low:g}-{high:g} Hz, {lines} lines"
 
 

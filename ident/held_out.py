@@ -19,6 +19,9 @@ from ident.effects.base import Effect, Motion
 from ident.frf import Complex
 from ident.trace import PORTS, Linearised, linearise
 
+#: Ports of a joint that explain as much as this share of what the best one does are not told apart.
+SAME_PORT = 0.99
+
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
@@ -120,7 +123,6 @@ def reconstructed(d: Diagnosis, effect: Effect) -> Force | None:
     if effect.joint is None or effect.port not in PORTS:
         return None
     problem, vector = without(d.end, effect)
-    problem = replace(problem, doubt=0.0)
     lin = linearise(problem, vector, hold(problem, vector))
     key = (effect.port, effect.joint)
     powers = [
@@ -135,9 +137,9 @@ def reconstructed(d: Diagnosis, effect: Effect) -> Force | None:
     force, clear = _along(ports[key], r)
     force = force * np.maximum(
         1.0 - 1.0 / np.maximum(np.abs(clear) ** 2, 1.0), 0.0
-    )  # Wiener: what noise is, is left out
+    )  # Wiener: noise, and what is doubted
     with_it = d.end.problem.data[at]
-    full = hold(replace(d.end.problem, data=(with_it,), doubt=0.0), d.end.minimum.vector)[0]
+    full = hold(replace(d.end.problem, data=(with_it,)), d.end.minimum.vector)[0]
     moved = full.moved
     assert moved is not None
     motion = moved.motion
@@ -206,15 +208,24 @@ def _largest(parts: dict[str, float], total: float) -> dict[str, float]:
     return {name: share for name, share in shares.items() if share > 0.01}
 
 
-def sources(d: Diagnosis, bands: Sequence[tuple[float, float]]) -> list[tuple[str, int, float] | None]:
-    """Returns for each band [Hz] the (port, joint) whose free force explains most of what the last model leaves there, and
-    its share of it; None where nothing is left."""
+@dataclass(frozen=True)
+class Source:
+    """Where a free force explains most of what is left: joint (from 0), ports, the likeliest first, and its share. A joint that
+    moves no other has several: they can not be told apart by where they act."""
+
+    joint: int
+    ports: tuple[str, ...]
+    share: float
+
+
+def sources(d: Diagnosis, bands: Sequence[tuple[float, float]]) -> list[Source | None]:
+    """Returns for each band [Hz] what would explain most of what the last model leaves there; None where nothing is left."""
     problem, vector = replace(d.end.problem, doubt=0.0), d.end.minimum.vector
     lin = linearise(problem, vector, hold(problem, vector))
     return [_source(lin, low, high) for low, high in bands]
 
 
-def _source(lin: Linearised, low: float, high: float) -> tuple[str, int, float] | None:
+def _source(lin: Linearised, low: float, high: float) -> Source | None:
     gained: dict[tuple[str, int], float] = {}
     total = 0.0
     for one, r, ports in zip(lin.problem.data, lin.r, lin.ports, strict=True):
@@ -225,5 +236,7 @@ def _source(lin: Linearised, low: float, high: float) -> tuple[str, int, float] 
             gained[key] = gained.get(key, 0.0) + 2.0 * float(np.sum(np.abs(clear) ** 2)) - 2.0 * int(use.sum())
     if not gained or total <= 0.0:
         return None
-    port, joint = max(gained, key=lambda key: gained[key])
-    return port, joint, gained[port, joint] / total
+    joint = max(gained, key=lambda key: gained[key])[1]
+    best = max(gained[port, joint] for port in PORTS)
+    alike = tuple(port for port in PORTS if gained[port, joint] >= SAME_PORT * best)
+    return Source(joint, alike, best / total)

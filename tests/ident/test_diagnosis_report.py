@@ -47,7 +47,7 @@ def test_what_stands_in_the_file_cannot_break_the_page(file):
 def test_what_is_unexplained_is_said_with_joint_port_band_and_parity(file):
     d = unexplained()
     v = verdict_document(d, [file])
-    assert sentence(v).endswith("the motor of joint2, 3-10 Hz, odd lines.")
+    assert sentence(v).endswith("motor of joint2, 3-10 Hz, odd lines.")
     page = html(d, v)
     assert "What stays unexplained" in page and page.count("<svg") == 1
     assert "ident next" in " ".join(todo(v))

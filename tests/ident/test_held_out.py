@@ -72,4 +72,16 @@ def test_the_records_that_choose_carry_the_effect():
 
 def test_what_is_left_acts_where_the_friction_does():
     (source,) = sources(unexplained(), [(1.0, 30.0)])
-    assert source is not None and source[:2] == ("motor", JOINT) and source[2] > 0.8
+    assert source is not None and (source.joint, source.ports) == (JOINT, ("motor",)) and source.share > 0.8
+
+
+def test_the_ports_of_a_joint_that_moves_no_other_are_one():
+    """Joint 1 with a wrong spring: whatever is left of it could be at its motor, spring, link or encoder."""
+    d = diagnosis()
+    alone = replace(d.end.problem, data=d.split.fit[:1])
+    worse = d.end.minimum.vector.copy()
+    worse[0] += 0.01  # K of joint 1
+    (source,) = sources(
+        replace(d, end=replace(d.end, problem=alone, minimum=replace(d.end.minimum, vector=worse))), [(1.0, 100.0)]
+    )
+    assert source is not None and (source.joint, source.ports) == (0, ("motor", "spring", "link", "sensor"))
