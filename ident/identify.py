@@ -16,6 +16,7 @@ from ident.campaign import Array, Campaign, Record
 from ident.coupled import DRIVES, CoupledFit, fit_coupled
 from ident.drive import SharedDrive, share
 from ident.errors import IdentError
+from ident.faults import Fault, doubtful_ratio, refuse
 from ident.fit import ThreePoint, TwoMass, predict, three_point, two_mass
 from ident.frf import Complex, Frf, estimate
 from ident.links import nearest_links
@@ -68,7 +69,8 @@ class Identification:
 
     `covariance` [D, D] of alpha_all and `unseen` [D, k], the orthonormal directions that no record saw. `chi2_per_dof` over
     all records' fits; `explained` when every record is explained and all J_ii agree with one alpha. `coupled` is the fit
-    behind the method of that name. `notes` are one-line findings for a person; `seconds` where the time went.
+    behind the method of that name. `faults` of the recording that do not forbid its use; `notes` are one-line findings for a
+    person; `seconds` where the time went.
     """
 
     campaign: Campaign
@@ -84,6 +86,7 @@ class Identification:
     consistency: Consistency
     chi2_per_dof: float
     explained: bool
+    faults: tuple[Fault, ...]
     notes: tuple[str, ...]
     seconds: dict[str, float]
 
@@ -114,7 +117,8 @@ def identify(
     `method` "coupled" (all records and all motors in one fit: right where the locks are not rigid), or to compare, each record
     on its own: "modal" (all mode pairs of the excited motor), "two-mass" (least squares), "three-point" (the paper's reading);
     `believe_zeros` None believes the URDF's exact zeros only where the records do not determine the arm without.
-    Raises IdentError for a campaign without records or an unknown method, SymgenError for a URDF that does not fit.
+    Raises IdentError for a campaign without records, one with a fault that would end in wrong numbers (`ident.faults`), or an
+    unknown method, SymgenError for a URDF that does not fit.
     """
     if method not in METHODS:
         raise IdentError(f"method {method!r}: expected one of {', '.join(METHODS)}")
@@ -122,12 +126,16 @@ def identify(
         raise IdentError("the campaign holds no records")
     clock = time.perf_counter
     start = clock()
+    doubts = refuse(campaign, model_of_urdf(campaign.urdf, campaign.joints))
+    seconds = {"faults": clock() - start}
+
+    start = clock()
     responses = []
     for record in campaign.records:
         if progress:
             progress(f"record {record.id}: {record.excited}")
         responses.append(_response(record, campaign))
-    seconds = {"frf": clock() - start}
+    seconds["frf"] = clock() - start
 
     start = clock()
     model, notes = model_of_campaign(campaign, responses, believe_zeros, method)
@@ -170,6 +178,10 @@ def identify(
         _measurement(campaign, k, method, responses[k], three[k], two[k], coupled or fits[k], (J[k], std[k], J_cad[k]))
         for k in range(len(q))
     )
+    for drive in drives:
+        i = campaign.joints.index(drive.joint)
+        share = np.median((J / J_cad)[index == i]) if np.any(index == i) else np.nan
+        doubts += doubtful_ratio(drive.joint, campaign.N[i], drive.K.value / campaign.K[i], float(share))
     fitted = all(drive.agrees for drive in drives) and alpha.agrees
     return Identification(
         campaign=campaign,
@@ -187,7 +199,12 @@ def identify(
         if coupled
         else float(sum(fit.chi2_per_dof * fit.dof for fit in fits) / sum(fit.dof for fit in fits)),
         explained=all(measured.explained for measured in measurements) and fitted,
-        notes=(*notes, *_notes(model, responses, fits, drives, alpha, physical, coupled)),
+        faults=doubts,
+        notes=(
+            *notes,
+            *(doubt.line for doubt in doubts),
+            *_notes(model, responses, fits, drives, alpha, physical, coupled),
+        ),
         seconds=seconds,
     )
 

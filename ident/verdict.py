@@ -52,7 +52,9 @@ def entry(i: int, j: int, n: int) -> str:
 def problems(identification: Identification) -> tuple[Problem, ...]:
     """Returns what stands against the result, the serious first; empty when all is well."""
     r = identification
-    found = []
+    found = [
+        Problem(True, fault.name.capitalize(), f"{fault.line}.", "Correct it and fit again.") for fault in r.faults
+    ]
     for joint in dict.fromkeys(m.record.excited for m in r.measurements):
         own = [m for m in r.measurements if m.record.excited == joint]
         if r.coupled is None and not all(m.explained for m in own):
