@@ -59,8 +59,8 @@ CURVE_RATIO, CURVE_SHARE = 0.3, 0.05
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured; below which
 #: nothing more is looked for; and how many times the noise the error may be then.
 LEFT, ENOUGH, CLOSE = 0.03, 3e-3, 3.0
-#: Effects whose chi^2 on the choosing records differ by less than this are not told apart.
-TIE = 12.0
+#: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
+TIE, ALIKE = 12.0, 0.05
 #: Variance of J(q) at a record that does not fit, in units of one record's own: more, and it has to fit.
 LEVERAGE = 3.0
 #: Excited lines in a row that go to the same kind where lines take the place of records.
@@ -210,7 +210,7 @@ def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None
         doubted = replace(bench, doubt=errors(bench, state, bench.split.select).all, heirs=state.effects)
         progress(f"not explained; again with every angle doubted by {doubted.doubt:.2g}")
         other = _loop(doubted, progress)
-        if other[2]:
+        if other[2] and not (added and added[0].effect.name != "unknown" == other[2][0].effect.name):
             bench, (start, state, added) = doubted, other
             left = departures(bench, state)
     final = tuple(replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if _same(a.effect, e))
@@ -419,7 +419,7 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
         kind.sort(key=lambda pair: pair[1].select)
         kind[:count] = [(candidate, _polished(bench, new)) for candidate, new in kind[:count]]
     tried = named + drawn
-    best = _plainest(named)
+    best = _plainest(named, dof)
     curve = min(drawn, key=lambda pair: pair[1].select, default=None)
     if best is None or (curve is not None and _much_better(bench, curve[1].select - dof, best[1])):
         best = curve
@@ -442,18 +442,19 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
         rivals=tuple((pair[1].effects[-1], errors(bench, pair[1], report).all) for pair in rivals[:3]),
         tied=tuple(
             pair[1].effects[-1] for pair in rivals
-            if pair[1].select < best[1].select + TIE and pair[0].effect.name != "unknown"
+            if pair[1].select < best[1].select + TIE + ALIKE * max(best[1].select - dof, 0.0) and pair[0].effect.name != "unknown"
         ),
         port_shares=shares,
     )  # fmt: skip
     return best[1], entry
 
 
-def _plainest(named: Sequence[tuple[Candidate, State]]) -> tuple[Candidate, State] | None:
+def _plainest(named: Sequence[tuple[Candidate, State]], dof: int) -> tuple[Candidate, State] | None:
     """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters."""
     if not named:
         return None
-    limit = min(pair[1].select for pair in named) + TIE
+    least = min(pair[1].select for pair in named)
+    limit = least + TIE + ALIKE * max(least - dof, 0.0)
     order = list(CATALOGUE)
     return min(
         (pair for pair in named if pair[1].select <= limit),
