@@ -23,9 +23,9 @@ from ident.errors import CampaignError
 
 Complex = NDArray[np.complex128]
 
-#: Bins between the lines from which leakage and noise of one line are read, and the coefficients of its polynomial. Taking
-#: leakage off costs a tenth of the variance this way, a quarter with a parabola.
-BINS, ORDER = 10, 2
+#: Bins between the lines from which leakage and noise of one line are read, and the coefficients of its polynomial. A
+#: straight line would cost a tenth of the variance and not a quarter, but takes settling records for unsettled.
+BINS, ORDER = 10, 3
 #: A line is usable for a quotient when its torque is this many times its noise: the variance is then right to 10 %.
 USABLE = 10.0
 #: Degrees of freedom wanted for a variance: an estimate then scatters by sqrt(2/60) = 18 %.
@@ -302,7 +302,7 @@ def _between_lines(kept: Array, M: int, band: NDArray[np.int64]) -> tuple[Comple
     """Returns the spectrum of `kept` [M S, c] at lines `band` [F], leakage taken off [F, c], and its errors [R, F, c].
 
     Over M periods, line k is bin k M; the bins between lines hold noise and the leakage of whatever differs between the
-    two ends of the record. A straight line through the nearest BINS of them (line bins left out, excited or not) is the
+    two ends of the record. A parabola through the nearest BINS of them (line bins left out, excited or not) is the
     leakage at the line; what it leaves, rotated to R = BINS - ORDER independent samples and scaled by the
     interpolation's own variance, is the error.
     """
