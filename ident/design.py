@@ -35,8 +35,9 @@ DISTANCE = 0.25
 #: The excitation grows from zero over this share of the first period, so that the arm starts without a jerk.
 RAMP = 0.25
 
-#: A transient that has fallen to this part of what it was has settled; at least `STEADY` periods are recorded after it.
-SETTLED, STEADY = 1e-3, 2
+#: A transient that has fallen to this part of what it was has settled; at least `STEADY` periods are recorded after it, from
+#: which `ident.frf` can tell that it has.
+SETTLED, STEADY = 1e-3, 3
 MOST_SETTLING = 30
 
 #: A record is excited up to `ABOVE` times the joint's own resonance where that lies outside the band, and never beyond
