@@ -12,7 +12,7 @@ its equation is doubted and the others tell.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,7 +37,7 @@ PASSES = 2
 class Scene:
     """One record as effects see it: m live of n joints at lines `lines` [L] of f0 [Hz], measured `tau`, `theta` [L, m].
 
-    The motion is that of the lines `above` (lines [H], tau, theta [H, m]), too: dry friction moves a joint beyond the band.
+    The motion is that of the lines `beyond` the band (lines [H], tau, theta [H, m]), too: dry friction moves a joint there.
 
     `noise` [2, m] are the rms errors of tau and theta at a line. `means` [2, n] of torques [N m] and motor angles [rad] and `posture` [n] are those of all joints. `slopes` are
     (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by. `chain` the declared links.
@@ -55,25 +55,27 @@ class Scene:
     means: Array
     posture: Array
     N: Array
-    above: tuple[NDArray[np.int64], Complex, Complex]
+    beyond: tuple[NDArray[np.int64], Complex, Complex]
     slopes: tuple[Array, Array] | None = None
     chain: Chain | None = None
+    oversampled: int = OVERSAMPLED
 
     @cached_property
     def wide(self) -> Scene:
-        """The same record at all lines, those above the band included."""
-        lines, tau, theta = self.above
-        none = (lines[:0], tau[:0], theta[:0])
+        """The same record at all lines, in their order."""
+        lines, tau, theta = self.beyond
+        whole = np.concatenate([self.lines, lines])
+        order = np.argsort(whole)
         return replace(
-            self, lines=np.concatenate([self.lines, lines]), tau=np.concatenate([self.tau, tau]),
-            theta=np.concatenate([self.theta, theta]), above=none,
+            self, lines=whole[order], tau=np.concatenate([self.tau, tau])[order],
+            theta=np.concatenate([self.theta, theta])[order], beyond=(lines[:0], tau[:0], theta[:0]),
         )  # fmt: skip
 
     @cached_property
     def samples(self) -> int:
         """Samples of a period in time, the same for the band and for all lines."""
-        last = self.above[0][-1] if len(self.above[0]) else self.lines[-1]
-        return int(2 ** np.ceil(np.log2(OVERSAMPLED * (last + 1))))
+        last = max(self.lines[-1], self.beyond[0].max(initial=0))
+        return int(2 ** np.ceil(np.log2(self.oversampled * (last + 1))))
 
     @cached_property
     def s(self) -> Complex:
@@ -112,10 +114,19 @@ def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extr
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """How an arm moved in a record, and the rigid-body forces of second order [L, m] that follow, joint side."""
+    """How an arm moved in a record, and the rigid-body forces of second order that follow, joint side, at all its lines.
+
+    Where the motion was found together with forces: these, `found` at the lines [L], in time of the motion alone, `base` [S],
+    and how much of a change of theirs a change of a law makes, `loose` [S] (1 where it is not told). `springy` are the positions
+    [S] at ports whose force follows from them: its best line through them is stiffness there.
+    """
 
     motion: Motion
     second: Complex | None
+    found: Mapping[tuple[str, int], Complex] | None = None
+    base: Mapping[tuple[str, int], Array] = field(default_factory=dict)
+    loose: Mapping[tuple[str, int], Array] = field(default_factory=dict)
+    springy: Mapping[tuple[str, int], Array] = field(default_factory=dict)
 
 
 def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str = "") -> Moved | None:
@@ -136,14 +147,14 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str =
     on = _nothing(wide)
     motion = _motion(wide, p, linear, on, doubts)
     for _ in range(PASSES if forceful else 1):
-        on = forces(wide, effects, motion)
+        on = forces(wide, effects, Moved(motion, None))
         second = None
         if scene.slopes is not None:
             second = wide.at_lines(_second_order(wide, p, motion))
             on["link"] += second
         if forceful:
             motion = _motion(wide, p, linear, on, doubts)
-    return Moved(motion, None if second is None else second[: len(scene.lines)])
+    return Moved(motion, second)
 
 
 def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | None) -> Extra:
@@ -151,12 +162,31 @@ def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | 
     linear = linear_extra(scene, p, effects)
     if how is None:
         return linear
-    on = forces(scene, effects, how.motion)
+    now = signals(scene, effects, how.motion)
+    on = _forces(scene, now, how)
+    for (port, k), x in how.springy.items():
+        swing = x - x.mean()
+        line = float(swing @ now[port, k]) / max(float(swing @ swing), 1e-300)
+        on[port][:, k] -= line * scene.at_lines(x)
+        linear = _stiffened(linear, port, k, line, scene)
     if how.second is not None:
-        on["link"] += how.second
+        on["link"] += how.second[np.isin(scene.wide.lines, scene.lines)]
     return replace(
         linear, on_motor=on["motor"] - on["spring"], on_link=on["link"] + on["spring"], reading=on["reading"]
     )
+
+
+def _stiffened(linear: Extra, port: str, k: int, line: float, scene: Scene) -> Extra:
+    """`linear` with a force of `line` per position at a port, joint side; of a motor's position motor side."""
+    m = len(scene.arm.live)
+    row, column = np.zeros(2 * m), np.zeros(2 * m)
+    if port == "spring":
+        row[[k, m + k]] = column[[k, m + k]] = (1.0, -1.0)
+    else:
+        at = k if port == "motor" else m + k
+        row[at], column[at] = -1.0, scene.arm.N[k] if port == "motor" else 1.0
+    Z = line * np.outer(row, column) * np.ones((len(scene.lines), 1, 1))
+    return replace(linear, impedance=Z + 0j if linear.impedance is None else linear.impedance + Z)
 
 
 def has_forces(effect: Effect) -> bool:
@@ -176,10 +206,11 @@ def _nothing(scene: Scene) -> dict[str, Complex]:
     return {port: np.zeros(scene.theta.shape, dtype=complex) for port in ("motor", "spring", "link", "reading")}
 
 
-def forces(scene: Scene, effects: Sequence[Effect], motion: Motion) -> dict[str, Complex]:
-    """What `effects` do at each port, joint side, and to the "reading" [L, m], when the arm moves like this."""
+def signals(scene: Scene, effects: Sequence[Effect], motion: Motion) -> dict[tuple[str, int], Array]:
+    """What `effects` do at a port of a live joint (from 0, of those), joint side, and to the "reading", in time [S], when
+    the arm moves like this."""
     place = {int(j): k for k, j in enumerate(scene.arm.live)}
-    on = _nothing(scene)
+    found: dict[tuple[str, int], Array] = {}
     for e in effects:
         if not has_forces(e):
             continue
@@ -188,12 +219,31 @@ def forces(scene: Scene, effects: Sequence[Effect], motion: Motion) -> dict[str,
             loads.append((e.port if e.port in ("motor", "spring") else "link", int(e.joint or 0), law))
         if type(e).loads is not Effect.loads:
             loads += e.loads([motion.state(j) for j in range(scene.n)])
+        if e.joint in place and (error := e.reading(motion)) is not None:
+            loads.append(("reading", int(e.joint or 0), error))
         for port, j, load in loads:
             if j in place:
-                k = place[j]
-                on[port][:, k] += scene.at_lines(load) * (scene.arm.N[k] if port == "motor" else 1.0)
-        if e.joint in place and (error := e.reading(motion)) is not None:
-            on["reading"][:, place[int(e.joint or 0)]] += scene.at_lines(error)
+                key = (port, place[j])
+                found[key] = found.get(key, 0.0) + load * (scene.arm.N[place[j]] if port == "motor" else 1.0)
+    return found
+
+
+def forces(scene: Scene, effects: Sequence[Effect], how: Moved) -> dict[str, Complex]:
+    """What `effects` do at each port, joint side, and to the "reading" [L, m], when the arm moves like this."""
+    return _forces(scene, signals(scene, effects, how.motion), how)
+
+
+def _forces(scene: Scene, now: Mapping[tuple[str, int], Array], how: Moved) -> dict[str, Complex]:
+    """Forces at the lines that are `now` in time, if the motion alone is asked."""
+    on = _nothing(scene)
+    for port, k in now.keys() | (how.found or {}).keys():
+        signal = now.get((port, k), np.zeros(scene.samples))
+        if how.found is None:
+            on[port][:, k] = scene.at_lines(signal)
+            continue
+        key = (port, k)
+        change = (signal - how.base[key]) * how.loose.get(key, 1.0)
+        on[port][:, k] = how.found[key] + scene.at_lines(change)
     return on
 
 

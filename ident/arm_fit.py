@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import Moved, Scene, acting, forces, linear_extra, moved, only_forces
+from ident.acting import Moved, Scene, acting, forces, has_forces, linear_extra, moved, only_forces
 from ident.arm_model import Parameters, Posture, Sampling, motion_and_derivatives, transfer
 from ident.campaign import Array, Campaign
 from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.frf import BINS, ORDER, ROUNDING, Complex, Frf
-from ident.whitening import Noise, whitening
+from ident.smoothing import smoothed
+from ident.whitening import Noise, noise_powers, whitening
 from symgen.plan import Model
 
 #: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
@@ -84,6 +85,7 @@ class Problem:
     free: NDArray[np.bool_]
     posture_of: Callable[[Evidence, Array], Posture]
     doubt: float = 0.0
+    smooth: bool = False
 
     @property
     def base(self) -> int:
@@ -156,7 +158,7 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
         means=np.stack([band.mean_tau, band.mean_theta]),
         posture=frf.posture,
         N=campaign.N,
-        above=(band.above[0], band.above[1][:, live], band.above[2][:, live]),
+        beyond=(band.beyond[0], band.beyond[1][:, live], band.beyond[2][:, live]),
         slopes=_slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
         chain=model.chain,
     )
@@ -268,9 +270,13 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
         p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
         linear = linear_extra(scene, p, effects)
-        W = whitening(scene.arm, p, one.sampling, one.noise, scene.theta, max(doubt, problem.doubt), linear)
+        powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
+        W = whitening(powers, scene.theta, max(doubt, problem.doubt))
         W = W if one.judged is None else W * one.judged[:, None, None]
-        found.append(Held(W, moved(scene, p, effects)))
+        how = moved(scene, p, effects)
+        if how is not None and problem.smooth and any(map(has_forces, effects)):
+            how = smoothed(scene, p, effects, how, one.sampling, one.noise)
+        found.append(Held(W, how))
     return found
 
 
@@ -308,7 +314,8 @@ def residual(
     )
     k = problem.base
     for place, effect in enumerate(effects):
-        now = forces(scene, (effect,), how.motion) if how is not None and only_forces(effect) else None
+        plain = how is not None and not how.springy and only_forces(effect)
+        now = forces(scene, (effect,), how) if plain and how is not None else None
         for j in range(len(effect.values)):
             if not problem.free[k + j]:
                 continue
@@ -320,7 +327,7 @@ def residual(
             if now is None or how is None:
                 difference = run((*effects[:place], changed, *effects[place + 1 :]), False)[0] - r
             else:
-                by = {port: force - now[port] for port, force in forces(scene, (changed,), how.motion).items()}
+                by = {port: force - now[port] for port, force in forces(scene, (changed,), how).items()}
                 motor, link = by["motor"] - by["spring"], by["link"] + by["spring"]
                 difference = -(on_motor @ motor[..., None] + on_link @ link[..., None])[..., 0] - by["reading"]
             more.append((difference / nudge)[..., None])

@@ -270,7 +270,7 @@ def _nodes(sampling: Sampling, highest: float) -> tuple[Array, Array]:
     Chebyshev points: the nearest pole, an alias of the highest mode, tells how fast they converge (Bernstein).
     """
     f = sampling.f
-    low, high = float(f[0]), float(f[-1])
+    low, high = float(f.min()), float(f.max())
     nearest = (2.0 * (sampling.fs - highest) - low - high) / max(high - low, 1e-300)
     count = len(f)
     if nearest > 1.0:

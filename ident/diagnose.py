@@ -189,7 +189,7 @@ class _Bench:
         whole = [p.whole for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(whole, dtype=bool) if whole else free[problem.base :]
-        return replace(problem, free=free, doubt=self.doubt)
+        return replace(problem, free=free, doubt=self.doubt, smooth=True)
 
 
 def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:

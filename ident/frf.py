@@ -78,8 +78,8 @@ class Spectra:
     """One record at every line of its band, excited or not; amplitudes as in `Frf`.
 
     `lines` [F] harmonics of `f0` [Hz], `excited` [F]; `tau`, `theta` [F, n], `noise` [R, F, 2n] as in `Frf`; `mean_tau` [n, N m] and
-    `mean_theta` [n, rad] motor side, over the kept periods. `above` are (lines [H], tau, theta [H, n]) beyond the band, where
-    kinks of a nonlinear motion go on, noise and all.
+    `mean_theta` [n, rad] motor side, over the kept periods. `beyond` are (lines [H], tau, theta [H, n]) below and above the band, where
+    a nonlinear motion goes on, noise and all.
     """
 
     lines: NDArray[np.int64]
@@ -90,7 +90,7 @@ class Spectra:
     noise: Complex
     mean_tau: Array
     mean_theta: Array
-    above: tuple[NDArray[np.int64], Complex, Complex]
+    beyond: tuple[NDArray[np.int64], Complex, Complex]
 
     @property
     def frequencies(self) -> Array:
@@ -210,7 +210,7 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     detection = _detect(band, excited, mean[:, n:], noise[:, :, n:], record)
     whole = Spectra(
         band, record.f0, excited, _fixed(mean[:, :n]), _fixed(mean[:, n:]), _fixed(noise),
-        rest.mean(axis=0)[:n], rest.mean(axis=0)[n:], _above(periods.mean(axis=0), band[-1], n),
+        rest.mean(axis=0)[:n], rest.mean(axis=0)[n:], _beyond(kept, M, band),
     )  # fmt: skip
     return Frf(
         record.id, record.excited, joint, record.posture, _hertz(lines, record), tau, theta, _fixed(noise[:, excited]),
@@ -218,11 +218,16 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     )  # fmt: skip
 
 
-def _above(period: Array, last: int, n: int) -> tuple[NDArray[np.int64], Complex, Complex]:
-    """The lines beyond `last` of one mean `period` [S, 2n] up to `HIGHEST` of the sampling rate."""
-    lines = np.arange(last + 1, max(last, int(HIGHEST * len(period))) + 1)
-    spectrum = np.fft.rfft(period - period.mean(axis=0), axis=0)[lines] * (2.0 / len(period))
-    return lines, _fixed(spectrum[:, :n]), _fixed(spectrum[:, n:])
+def _beyond(kept: Array, M: int, band: NDArray[np.int64]) -> tuple[NDArray[np.int64], Complex, Complex]:
+    """The lines of the mean of M periods `kept` [M S, 2n] below `band`, leakage taken off, and above it, up to `HIGHEST` of
+    the sampling rate."""
+    S, n = len(kept) // M, kept.shape[1] // 2
+    below, above = np.arange(1, band[0]), np.arange(band[-1] + 1, max(int(band[-1]), int(HIGHEST * S)) + 1)
+    low = _between_lines(kept, M, below)[0] if below.size else np.zeros((0, 2 * n), dtype=complex)
+    period = kept.reshape(M, S, 2 * n).mean(axis=0)
+    high = np.fft.rfft(period - period.mean(axis=0), axis=0)[above] * (2.0 / S)
+    spectrum = np.concatenate([low, high])
+    return np.concatenate([below, above]), _fixed(spectrum[:, :n]), _fixed(spectrum[:, n:])
 
 
 def _hertz(lines: NDArray[np.int64], record: Record) -> Array:

@@ -28,14 +28,27 @@ class Noise:
     floor: Array
 
 
-def whitening(
-    arm: Posture, p: Parameters, sampling: Sampling, noise: Noise, theta: Complex, doubt: float, extra: Extra = NOTHING
-) -> Complex:
-    """Returns W [L, m, m] that makes the error of theta - G tau white, of unit variance.
+@dataclass(frozen=True, eq=False)
+class Powers:
+    """Noise powers of m joints: of the torques [m, (N m)^2] and, at L lines, of the angles [L, m, rad^2]; `G` [L, m, m] is how
+    the torques' noise gets to the angles."""
 
-    Each joint's two noise powers are constant over the band; fitted to the samples between the lines, weighted by their
-    own prediction (maximum likelihood, P. Whittle), and not below quantisation. `doubt` is the error the model is granted,
-    relative to each angle of `theta` [L, m].
+    torque: Array
+    angle: Array
+    G: Complex
+
+    def of_model(self) -> Complex:
+        """The covariance [L, m, m] of what torque noise makes of the angles."""
+        return np.asarray(np.einsum("lij,j,lkj->lik", self.G, self.torque, self.G.conj()))
+
+
+def noise_powers(
+    arm: Posture, p: Parameters, sampling: Sampling, noise: Noise, theta: Complex, extra: Extra = NOTHING
+) -> Powers:
+    """Returns the powers that explain the samples between the lines.
+
+    Two of each joint, constant over the band, weighted by their own prediction (maximum likelihood, P. Whittle); those of
+    the angles not below quantisation nor what `theta` [L, m] is computed to.
     """
     m, L = len(arm.live), len(sampling.f)
     G = motion(arm, p, sampling, np.broadcast_to(np.eye(m, dtype=complex), (L, m, m)), extra)
@@ -51,9 +64,13 @@ def whitening(
         size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
         powers = nnls(X / size, (power * weight).ravel())[0] / size
         predicted = rows @ powers
-    covariance: Complex = np.einsum("lij,j,lkj->lik", G, powers[:m], G.conj())
-    i = np.arange(m)
-    covariance[:, i, i] += np.maximum(powers[m:], least) + doubt**2 * moving_average(
-        np.abs(theta) ** 2, min(NEIGHBOURS, L)
-    )
+    return Powers(powers[:m], np.maximum(powers[m:], least), G)
+
+
+def whitening(powers: Powers, theta: Complex, doubt: float = 0.0) -> Complex:
+    """Returns W [L, m, m] that makes the error of theta - G tau white, of unit variance. `doubt` is the error that the
+    model is granted, relative to each angle of `theta` [L, m]."""
+    covariance, i = powers.of_model(), np.arange(theta.shape[1])
+    granted = doubt**2 * moving_average(np.abs(theta) ** 2, min(NEIGHBOURS, len(theta)))
+    covariance[:, i, i] += powers.angle + granted
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=complex)

@@ -207,6 +207,8 @@ class Effect(ABC):
     scope: ClassVar[tuple[str, ...]] = ("joint",)
     #: It changes numbers that the declared model has anyway: no hook of the fitted arm is needed.
     declared: ClassVar[bool] = False
+    #: It is a force against the velocity at its motor or link that may stop it: of that velocity it is found together with it.
+    dry: ClassVar[bool] = False
     #: Whether a simulation can have it, or not have it.
     injectable: ClassVar[bool] = True
 

@@ -32,7 +32,7 @@ def _level(unit: str = "Nm") -> Parameter:
 class MotorCoulomb(Law):
     """Dry friction of the motor and the fast gear stage."""
 
-    name, port = "motor-coulomb", "motor"
+    name, port, dry = "motor-coulomb", "motor", True
     parameters = (_level(),)
 
     def law(self, at: State) -> Any:
@@ -43,7 +43,7 @@ class MotorCoulomb(Law):
 class MotorStribeck(Law):
     """Dry friction that falls from level + peak to level as the oil film builds up: peak exp(-(omega/speed)^2) more."""
 
-    name, port = "motor-stribeck", "motor"
+    name, port, dry = "motor-stribeck", "motor", True
     parameters = (
         Parameter("level", "Nm", 0.0, 1.0, (0.05,), linear=True, relative="torque"),
         Parameter("peak", "Nm", 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque"),
@@ -70,7 +70,7 @@ class MotorQuadraticDrag(Law):
 class LoadDependentFriction(Law):
     """Gear friction in proportion to the torque that the gear carries: share |spring| / |N| against the motor."""
 
-    name, port = "load-dependent-friction", "motor"
+    name, port, dry = "load-dependent-friction", "motor", True
     parameters = (Parameter("share", "", 0.0, 1.0, (0.05, 0.02), linear=True),)
 
     def law(self, at: State) -> Any:
@@ -81,7 +81,7 @@ class LoadDependentFriction(Law):
 class LinkCoulomb(Law):
     """Dry friction of the output bearing and its seals."""
 
-    name, port = "link-coulomb", "link"
+    name, port, dry = "link-coulomb", "link", True
     parameters = (_level(),)
 
     def law(self, at: State) -> Any:
