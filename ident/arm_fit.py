@@ -71,7 +71,7 @@ class Problem:
 
     The vector [P] is that of `Parameters` followed by the values of every effect; a step of `scale` [P] is a large one. `low`,
     `high` [P] bound it; `free` [P] are the parameters that may move. `posture_of` gives the arm at another posture.
-    `doubt` is the relative error of the angles that the model is granted, besides noise.
+    With `smooth` the forces of effects are found together with the motion that they change.
     """
 
     data: tuple[Evidence, ...]
@@ -84,7 +84,6 @@ class Problem:
     high: Array
     free: NDArray[np.bool_]
     posture_of: Callable[[Evidence, Array], Posture]
-    doubt: float = 0.0
     smooth: bool = False
 
     @property
@@ -271,7 +270,7 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
         scene = problem.scene(one, effects)
         linear = linear_extra(scene, p, effects)
         powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
-        W = whitening(powers, scene.theta, max(doubt, problem.doubt))
+        W = whitening(powers, scene.theta, doubt)
         W = W if one.judged is None else W * one.judged[:, None, None]
         how = moved(scene, p, effects)
         if how is not None and problem.smooth and any(map(has_forces, effects)):

@@ -47,8 +47,8 @@ EFFORT = 1.5e5
 SURELY = 4
 #: Candidates fitted to the end before one is chosen.
 FINALISTS = 3
-#: Fall of chi^2 that ends a descent: of a candidate, of a finalist.
-HASTILY, FINELY = 0.03, 0.002
+#: Fall of chi^2 that ends a descent: of a candidate, of a finalist; times that the weights of what is chosen are made anew.
+HASTILY, FINELY, FULLY = 0.03, 0.002, 8
 #: chi^2 per degree of freedom of a group of lines above which the arm is not explained, and the least of a group's degrees.
 DEPARTURE, LEAST_DOF = 3.0, 40
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
@@ -178,9 +178,6 @@ class _Bench:
     basis: Array
     split: Split
     guess: Parameters
-    doubt: float = 0.0
-    #: What a first loop found, to be tried again whatever it promises; None in the first loop.
-    heirs: tuple[Effect, ...] | None = None
 
     def problem(
         self, data: tuple[Evidence, ...], effects: Sequence[Effect], scales: Sequence[float], limits: Sequence[tuple[float, float]]
@@ -189,7 +186,7 @@ class _Bench:
         whole = [p.whole for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(whole, dtype=bool) if whole else free[problem.base :]
-        return replace(problem, free=free, doubt=self.doubt, smooth=True)
+        return replace(problem, free=free, smooth=True)
 
 
 def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:
@@ -206,13 +203,6 @@ def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None
     bench = _Bench(campaign, model, basis, split(data, model), guess)
     start, state, added = _loop(bench, progress)
     left = _left_over(bench, start, state, added)
-    if left:  # noise no longer says what an error is worth: judge by what the model leaves
-        doubted = replace(bench, doubt=errors(bench, state, bench.split.select).all, heirs=state.effects)
-        progress(f"not explained; again with every angle doubted by {doubted.doubt:.2g}")
-        other = _loop(doubted, progress)
-        if other[2] and not (added and added[0].effect.name != "unknown" == other[2][0].effect.name):
-            bench, (start, state, added) = doubted, other
-            left = departures(bench, state)
     final = tuple(replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if _same(a.effect, e))
     before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
     off = () if left else _off(bench, state)
@@ -396,16 +386,10 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
     likely = [c for k, c in enumerate(catalogue(lin, state.effects)[:most]) if c.gain > wanted or k < most // 2]
     short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
-    if (
-        not state.effects and bench.heirs is None
-    ):  # a fit that is far off bends everything else: look from the declared arm, too
+    if not state.effects:  # a fit that is far off bends everything else: look from the declared arm, too
         vector = bench.guess.vector()
         declared = linearise(state.problem, vector, hold(state.problem, vector))
         short += [(c, declared) for c in catalogue(declared, ())[:SURELY]]
-    short += [
-        (Candidate(e, 0.0, tuple(max(abs(v), 1e-12) for v in e.values)), lin)
-        for e in bench.heirs or () if not any(_same(e, there) for there in state.effects)
-    ]  # fmt: skip
     tried: list[tuple[Candidate, State]] = []
     for candidate, origin in short:
         new = _with(bench, state, candidate, origin)
@@ -425,6 +409,9 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
         best = curve
     if best is None:
         return None
+    best = (best[0], _fitted(bench, best[1].minimum.vector, best[1].effects, best[1].scales, best[1].limits, (), FULLY))
+    less = _without(bench, best[1], best[1].effects[-1])  # what is gained by a better fit is no gain of the effect
+    state = less if less.select < state.select else state
     gain = state.select - best[1].select
     least = CURVE_SHARE * first if best is curve else 0.0
     if gain < max(LEAST_GAIN, LEAST_SHARE * excess, least, ENOUGH * (first - dof)):
@@ -489,19 +476,24 @@ def _pruned(bench: _Bench, state: State, entry: Added, progress: Callable[[str],
     for old in state.effects[:-1]:
         if entry.effect.name == "unknown" and old.name != "unknown":
             continue  # a curve can play any law of its variable: it takes no name away
-        keep = [k for k, e in enumerate(state.effects) if not _same(e, old)]
-        slots = np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects])[:-1])
-        use = np.concatenate([slots[k] for k in keep]) if keep else np.zeros(0, dtype=int)
-        base = state.problem.base
-        vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][use]])
-        less = _fitted(
-            bench, vector, tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use),
-            tuple(state.limits[k] for k in use),
-        )  # fmt: skip
+        less = _without(bench, state, old)
         if less.select < state.select + LEAST_GAIN:
             progress(f"  without {_name(old)} as well: {_excess(bench, less):.4g}")
             state = less
     return state, entry
+
+
+def _without(bench: _Bench, state: State, old: Effect) -> State:
+    """The model refitted without one of its effects."""
+    keep = [k for k, e in enumerate(state.effects) if not _same(e, old)]
+    slots = np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects])[:-1])
+    use = np.concatenate([slots[k] for k in keep]) if keep else np.zeros(0, dtype=int)
+    base = state.problem.base
+    vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][use]])
+    return _fitted(
+        bench, vector, tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use),
+        tuple(state.limits[k] for k in use),
+    )  # fmt: skip
 
 
 def _std(state: State, effect: Effect) -> tuple[float, ...]:
@@ -539,7 +531,7 @@ def port_shares(lin: Linearised) -> tuple[tuple[str, int, float], ...]:
 
 def errors(bench: _Bench, state: State, data: Sequence[Evidence]) -> Errors:
     """Relative rms errors of the excited joint's angle at the excited lines of `data`."""
-    problem = replace(bench.problem(tuple(data), state.effects, state.scales, state.limits), doubt=0.0)
+    problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
     held = hold(problem, state.minimum.vector)
     squares: list[tuple[int, Array, Array, Array]] = []
     for one, kept in zip(data, held, strict=True):
@@ -570,7 +562,7 @@ def _groups(
     bench: _Bench, state: State, data: Sequence[Evidence]
 ) -> list[tuple[int, int, float, float, str, float, float]]:
     """Groups of lines beyond `DEPARTURE`: (record, joint, low, high, kind, level, chi^2 in excess)."""
-    problem = replace(bench.problem(tuple(data), state.effects, state.scales, state.limits), doubt=0.0)
+    problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
     held = hold(problem, state.minimum.vector)
     found = []
     for one, kept in zip(data, held, strict=True):

@@ -61,7 +61,7 @@ def held_out(d: Diagnosis) -> tuple[HeldOut, ...]:
 def _left(state: State, data: Sequence[Evidence]) -> list[tuple[Complex, Complex]]:
     """theta - G tau [L, m] of each record, and its weights [L, m, m]: of all lines, judged or not."""
     whole = tuple(replace(one, judged=None) for one in data)
-    problem = replace(state.problem, data=whole, doubt=0.0)
+    problem = replace(state.problem, data=whole)
     held = hold(problem, state.minimum.vector)
     return [
         (residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W)
@@ -220,7 +220,7 @@ class Source:
 
 def sources(d: Diagnosis, bands: Sequence[tuple[float, float]]) -> list[Source | None]:
     """Returns for each band [Hz] what would explain most of what the last model leaves there; None where nothing is left."""
-    problem, vector = replace(d.end.problem, doubt=0.0), d.end.minimum.vector
+    problem, vector = d.end.problem, d.end.minimum.vector
     lin = linearise(problem, vector, hold(problem, vector))
     return [_source(lin, low, high) for low, high in bands]
 
