@@ -71,7 +71,8 @@ class Problem:
 
     The vector [P] is that of `Parameters` followed by the values of every effect; a step of `scale` [P] is a large one. `low`,
     `high` [P] bound it; `free` [P] are the parameters that may move. `posture_of` gives the arm at another posture.
-    With `smooth` the forces of effects are found together with the motion that they change.
+    With `smooth` the forces of effects are found together with the motion that they change. `expected` are a
+    vector [P] known beforehand and the weights [P] of steps of `scale` away from it, added to chi^2.
     """
 
     data: tuple[Evidence, ...]
@@ -85,6 +86,7 @@ class Problem:
     free: NDArray[np.bool_]
     posture_of: Callable[[Evidence, Array], Posture]
     smooth: bool = False
+    expected: tuple[Array, Array] | None = None
 
     @property
     def base(self) -> int:
@@ -338,7 +340,7 @@ def residual(
 def chi_squared(problem: Problem, vector: Array, held: Sequence[Held]) -> float:
     """chi^2 of all records; infinite where the arm is not one (J not positive, numbers beyond numbers)."""
     p = problem.parameters(vector)
-    total = 0.0
+    total = _unexpected(problem, vector)[0]
     with np.errstate(all="ignore"):  # a trial step beyond numbers is refused for its size
         for one, kept in zip(problem.data, held, strict=True):
             if not np.isfinite(one.scene.arm.J(p)).all():
@@ -354,8 +356,7 @@ def chi_squared(problem: Problem, vector: Array, held: Sequence[Held]) -> float:
 
 def normal_equations(problem: Problem, vector: Array, held: Sequence[Held]) -> tuple[float, Array, Array]:
     """Returns chi^2, half its gradient [P] and half its Gauss-Newton Hessian [P, P] per step of `scale`: the information."""
-    P = len(vector)
-    chi2, slope, information = 0.0, np.zeros(P), np.zeros((P, P))
+    chi2, slope, information = _unexpected(problem, vector)
     for one, kept in zip(problem.data, held, strict=True):
         r, slopes, columns = residual(problem, vector, one, kept.moved, derive=True)
         A = (kept.W @ (slopes * problem.scale[columns])).reshape(-1, len(columns))
@@ -365,6 +366,16 @@ def normal_equations(problem: Problem, vector: Array, held: Sequence[Held]) -> t
         real = np.concatenate([A.real, A.imag])
         information[np.ix_(columns, columns)] += 2.0 * (real.T @ real)
     return chi2, slope, information
+
+
+def _unexpected(problem: Problem, vector: Array) -> tuple[float, Array, Array]:
+    """What `Problem.expected` adds to chi^2, half its gradient [P] and half its Hessian [P, P]."""
+    P = len(vector)
+    if problem.expected is None:
+        return 0.0, np.zeros(P), np.zeros((P, P))
+    centre, weight = problem.expected
+    away = (vector - centre) / problem.scale
+    return float(weight @ away**2), weight * away, np.diag(weight)
 
 
 def spectrum(information: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -41,10 +41,16 @@ DRIVES = ("K", "J_m", "D", "D_spring")
 PLAIN_DRIVE = (5e3, 3e-5)
 #: Relative errors the model is granted on the way from its start, so that no few clear lines pull it into a corner.
 DOUBTS = (1.0, 0.1)
-#: Factors on all K from which a fit is tried again that does not explain its data.
-SCALES = (0.6, 1.6, 0.35, 2.8)
-#: Two starts that end at chi^2 as close as this found the same minimum.
-SAME_MINIMUM = 1e-3
+#: The same for fits that must find their way alone, and chi^2 per degree of freedom under the last of them below which they
+#: did: elsewhere it was 5 and more, as resonances stand at other lines.
+APPROACH, ARRIVED = (1.0, 0.3, 0.1), 2.0
+#: An arm is expected to be off its start by about these steps of its scale: logarithms of K and J_m, of both dampings, alpha and
+#: gravity. Together that weighs as much as this share of the data: nothing, but for what they do not see from there.
+WIDTHS, SHARE = (1.0, 3.0, 1.0), 3e-3
+#: Factors on all K from which a fit is tried again that does not arrive. Too stiff a start tends to end at a rigid joint.
+SOFTER = (0.6, 0.35)
+#: The way from the start is gone with about this many lines a record: a hundredth of a resonance is not needed to find it.
+FEW_LINES = 100
 
 
 @dataclass(frozen=True)
@@ -89,8 +95,9 @@ def fit_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], star
     """Returns the arm that explains all `responses` of `campaign` best; `responses` [records] in their order.
 
     Starts from `start`, else from the datasheet (two-mass fits where it is silent), CAD and a damping of 1 %; if that
-    does not explain the data, from the drives of two-mass fits and from other stiffnesses too. Joints that neither moved nor were driven in a record are
-    taken as clamped there. Raises IdentError for no records and for a record without usable lines.
+    leads nowhere, from softer springs and from the drives of two-mass fits. All of this on few lines a record; all lines
+    then have the last word. Joints that neither moved nor were driven in a record are taken as clamped there. Raises
+    IdentError for no records and for a record without usable lines.
     """
     if not responses:
         raise IdentError("no records to fit; expected at least one")
@@ -98,19 +105,41 @@ def fit_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], star
     odd = all(np.all(record.lines % 2) for record in campaign.records)  # terms of second order act at even lines only
     lines = "usable" if odd else "every"
     data = tuple(evidence(campaign, model, basis, frf, k, lines) for k, frf in enumerate(responses))
-    best, before = None, np.inf
-    for guess, doubts in _starts(campaign, model, responses, basis, start):
-        problem = problem_of(campaign, model, basis, data, guess)
-        found = minimise(problem, guess.vector(), doubts)
-        dof, limit = degrees_of_freedom(problem, found)
-        again = abs(found.chi2 - before) < SAME_MINIMUM * found.chi2
+    rough = tuple(map(_thinned, data))
+    best: tuple[Problem, Minimum] | None = None
+    for guess in _starts(campaign, model, responses, basis, start):
+        problem = problem_of(campaign, model, basis, rough, guess)
+        found = _approach(problem, guess.vector())
         if best is None or found.chi2 < best[1].chi2:
-            best = (problem, found, dof, limit)
-        if best[1].chi2 <= best[3] * best[2] or again:
+            best = (problem, found)
+        if found.chi2 < ARRIVED * degrees_of_freedom(problem, found)[0]:
             break
-        before = best[1].chi2
     assert best is not None
-    return _result(campaign, model, responses, *best)
+    problem, found = replace(best[0], data=data), minimise(best[0], best[1].vector)
+    if any(few is not one for few, one in zip(rough, data, strict=True)):
+        found = minimise(problem, found.vector)
+    return _result(campaign, model, responses, problem, found)
+
+
+def _approach(problem: Problem, vector: Array) -> Minimum:
+    """Where doubts and what is expected of an arm lead from `vector`: near its optimum, if it is the arm at all."""
+    n = problem.n
+    widths = np.repeat(WIDTHS, [2 * n, 2 * n, len(vector) - 4 * n])
+    data = 2 * sum(one.scene.theta.size for one in problem.data)
+    return minimise(replace(problem, expected=(vector, SHARE * data / widths**2)), vector, APPROACH, outer=0)
+
+
+def _thinned(one: Evidence) -> Evidence:
+    """The record at about `FEW_LINES` of its lines; as it is where terms of second order act, which need them all."""
+    every = len(one.sampling.f) // FEW_LINES
+    if every < 2 or one.scene.slopes is not None:
+        return one
+    scene = one.scene
+    few = replace(scene, lines=scene.lines[::every], tau=scene.tau[::every], theta=scene.theta[::every])
+    return replace(
+        one, is_excited=one.is_excited[::every], scene=few, sampling=replace(one.sampling, f=one.sampling.f[::every]),
+        noise=replace(one.noise, samples=one.noise.samples[:, ::every]),
+    )  # fmt: skip
 
 
 def problem_of(
@@ -144,19 +173,20 @@ def degrees_of_freedom(problem: Problem, found: Minimum) -> tuple[int, float]:
 
 def _starts(
     campaign: Campaign, model: Model, responses: Sequence[Frf], basis: Array, start: Start | None
-) -> Iterator[tuple[Start, tuple[float, ...]]]:
-    """Yields start values, best first, and how far to doubt the model on the way.
-
-    `start` or datasheet and CAD, at once and by detours, then other stiffnesses, then what two masses say.
-    """
+) -> Iterator[Start]:
+    """Yields start values, best first: `start` or datasheet and CAD, softer springs, then what two masses say."""
     if start is None:
         start = declared_start(campaign, model, responses, basis)
-    yield start, ()
-    yield start, DOUBTS
-    for factor in SCALES:
-        yield _damped(campaign, model, responses, start.K * factor, start.J_m, start.alpha, start.gravity), DOUBTS
-    drives = _two_mass_drives(campaign, responses)
-    yield _damped(campaign, model, responses, *drives, start.alpha, start.gravity), DOUBTS
+
+    def other(K: Array, J_m: Array) -> Start:
+        return _damped(campaign, model, responses, K, J_m, start.alpha, start.gravity)
+
+    yield start
+    yield other(SOFTER[0] * start.K, start.J_m)
+    K, J_m = _two_mass_drives(campaign, responses)
+    yield other(K, J_m)
+    yield other(SOFTER[0] * K, J_m)
+    yield other(SOFTER[1] * start.K, start.J_m)
 
 
 def declared_start(campaign: Campaign, model: Model, responses: Sequence[Frf], basis: Array) -> Start:
@@ -200,9 +230,7 @@ def _two_mass_drives(campaign: Campaign, responses: Sequence[Frf]) -> tuple[Arra
     return found[0], found[1]
 
 
-def _result(
-    campaign: Campaign, model: Model, responses: Sequence[Frf], problem: Problem, found: Minimum, dof: int, limit: float
-) -> CoupledFit:
+def _result(campaign: Campaign, model: Model, responses: Sequence[Frf], problem: Problem, found: Minimum) -> CoupledFit:
     """The fit as its users see it; predictions at the lines that were too noisy to fit, too."""
     n, D = problem.n, problem.D
     basis = gravity_basis(model, campaign.gravity)
@@ -212,6 +240,7 @@ def _result(
     ]
     p = problem.parameters(found.vector)
     covariance, unseen, std = uncertainty(problem, found)
+    dof, limit = degrees_of_freedom(problem, found)
     chi2 = found.chi2 / dof
     fit = CoupledFit(
         p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring,
