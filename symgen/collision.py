@@ -10,12 +10,14 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from symgen.chain import Array, Chain
+from symgen.chain import REVOLUTE, Array, Chain, Joint, skew
 from symgen.holding import Mask
 from symgen.quiet import quiet
 
 #: Shapes that touch at this share of random postures overlap by construction (neighbours in a gearbox), not by motion.
 _ALWAYS = 0.95
+#: Shapes whose bounding spheres are further apart than this [m] do not touch.
+_SLACK = 1e-6
 _TRIALS = 40
 
 
@@ -122,13 +124,55 @@ def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
     for pair in [geometry.collisionPairs[int(index)] for index in always]:
         geometry.removeCollisionPair(pair)
     found, unused = geometry.createData(), geometry.createData()
+    close = _closeness(pin, model, geometry, chain)
 
     def touches(q: Array) -> NDArray[np.bool_]:
         mask = np.zeros(len(q), dtype=bool)
-        for k, row in enumerate(configurations(q)):
+        for k, (row, near) in enumerate(zip(configurations(q), close(q), strict=True)):
             # requests remember the last posture's guesses, with which many a touch is missed; these remember nothing
             found.collisionRequests = unused.collisionRequests
-            mask[k] = pin.computeCollisions(model, data, geometry, found, row, True)
+            pin.updateGeometryPlacements(model, data, geometry, found, row)
+            mask[k] = any(pin.computeCollision(geometry, found, pair) for pair in np.flatnonzero(near).tolist())
         return mask
 
     return touches
+
+
+def _closeness(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask:
+    """What tells at postures [m, n] which pairs of shapes may touch [m, pairs]: those whose bounding spheres do."""
+    pairs = np.array([(pair.first, pair.second) for pair in geometry.collisionPairs])
+    place, centre, radius = [], [], []
+    for shape in geometry.geometryObjects:
+        shape.geometry.computeLocalAABB()
+        place.append(model.names[shape.parentJoint])
+        centre.append(shape.placement.act(shape.geometry.aabb_center))
+        radius.append(shape.geometry.aabb_radius)
+    body = [chain.names.index(name) + 1 if name in chain.names else 0 for name in place]
+    centres = np.column_stack([centre, np.ones(len(centre))])[..., None]
+    reach = np.array(radius)[pairs].sum(axis=1) + _SLACK
+    before = np.array([model.jointPlacements[model.getJointId(name)].homogeneous for name in chain.names])
+    one, c, s, slide = before @ np.array([_motions(joint) for joint in chain.joints]).swapaxes(0, 1)
+
+    def close(q: Array) -> NDArray[np.bool_]:
+        x = q[:, :, None, None]
+        steps = one + c * np.cos(x) + s * np.sin(x) + slide * x
+        frames = np.broadcast_to(np.eye(4), (len(q), chain.n + 1, 4, 4)).copy()
+        for k in range(chain.n):
+            frames[:, k + 1] = frames[:, k] @ steps[:, k]
+        at = (frames[:, body] @ centres)[:, :, :3, 0]
+        near: NDArray[np.bool_] = ((at[:, pairs[:, 0]] - at[:, pairs[:, 1]]) ** 2).sum(axis=2) <= reach**2
+        return near
+
+    return close
+
+
+def _motions(joint: Joint) -> Array:
+    """A joint's motion [4, 4] as the sum of these [4, 4, 4] times 1, cos q, sin q and q."""
+    parts = np.zeros((4, 4, 4))
+    parts[0] = np.eye(4)
+    if joint.type == REVOLUTE:
+        along = np.outer(joint.axis, joint.axis)
+        parts[:3, :3, :3] = along, np.eye(3) - along, skew(joint.axis)
+    else:
+        parts[3, :3, 3] = joint.axis
+    return parts

@@ -75,8 +75,21 @@ def gravity_rows(chain: Chain, q: Array, gravity: Array) -> Array:
 
 
 def gravity_forces(chain: Chain, q: Array, gravity: Array) -> Array:
-    """Returns the joint forces [m, n, N m or N] that hold the arm against `gravity` [3, m/s2, base frame] at q [m, n]."""
-    forces: Array = gravity_rows(chain, q, gravity) @ chain.parameters
+    """Returns the joint forces [m, n, N m or N] that hold the arm against `gravity` [3, m/s2, base frame] at q [m, n].
+
+    `gravity_rows` times the chain's own parameters, without the rows: masses and first moments gathered from the tip.
+    """
+    placed, g = list(placements(chain, q)), [np.broadcast_to(np.asarray(gravity, dtype=float), (len(q), 3))]
+    for R, _ in placed:
+        g.append((g[-1][:, None, :] @ R)[:, 0])
+    forces, mass, moment = np.zeros((len(q), chain.n)), 0.0, np.zeros((len(q), 3))
+    for k in reversed(range(chain.n)):
+        axis, body = chain.joints[k].axis, chain.parameters[10 * k : 10 * k + 4]
+        mass, moment = mass + body[0], moment + body[1:]
+        turning = chain.joints[k].type == REVOLUTE
+        forces[:, k] = -((moment @ skew(axis).T if turning else mass * axis) * g[k + 1]).sum(axis=1)
+        R, p = placed[k]
+        moment = (R @ moment[..., None])[..., 0] + mass * p
     return forces
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from arms import _FILES, arm
 
 from symgen.collision import SelfCollision
 from symgen.quiet import quiet
+from symgen.urdf import load_chain
 
 
 def test_what_was_asked_before_does_not_matter() -> None:
@@ -23,6 +25,45 @@ def test_what_was_asked_before_does_not_matter() -> None:
     assert np.array_equal(along, touches(path[::-1])[::-1])
     shuffled = np.random.default_rng(1).permutation(len(path))
     assert np.array_equal(along[shuffled], touches(path[shuffled]))
+
+
+SLIDING = """<robot name="r">
+ <link name="world"/><link name="base">{box}</link><link name="a">{ball}</link><link name="b">{box}</link><link name="c">{ball}</link>
+ <joint name="fixed" type="fixed"><parent link="world"/><child link="base"/><origin xyz="0.3 -0.2 0.1" rpy="0.4 0.2 0.1"/></joint>
+ <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0.1 0 0.2" rpy="0 0.3 0"/><axis xyz="0 0.6 0.8"/>
+  <limit lower="-3" upper="3" effort="9" velocity="1"/></joint>
+ <joint name="j2" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0.1 0.05 0" rpy="0.2 0 0.7"/><axis xyz="0.8 0 0.6"/>
+  <limit lower="-0.6" upper="0.6" effort="9" velocity="1"/></joint>
+ <joint name="j3" type="continuous"><parent link="b"/><child link="c"/><origin xyz="0.2 0 0"/><axis xyz="0 1 0"/></joint>
+</robot>""".format(
+    box='<collision><origin xyz="0.05 0 0"/><geometry><box size="0.3 0.1 0.1"/></geometry></collision>{0}',
+    ball='<collision><origin xyz="0 0.1 0"/><geometry><sphere radius="0.1"/></geometry></collision>{0}',
+).replace("{0}", "<inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>")
+
+
+def test_pairs_left_out_because_they_are_far_apart_do_not_touch(tmp_path: Path) -> None:
+    """Against a test of every pair at every posture, on an arm with a slide and a base beside its world."""
+    pin = pytest.importorskip("pinocchio")
+    path = tmp_path / "r.urdf"
+    path.write_text(SLIDING)
+    chain = load_chain(path)
+    assert chain.names == ("j1", "j2", "j3")
+    model = pin.buildModelFromXML(SLIDING)
+    geometry = pin.buildGeomFromUrdfString(model, SLIDING, pin.GeometryType.COLLISION)
+    shapes = geometry.geometryObjects
+    for a, b in combinations(range(len(shapes)), 2):
+        one, two = shapes[a].parentJoint, shapes[b].parentJoint
+        if model.parents[one] != two and model.parents[two] != one:
+            geometry.addCollisionPair(pin.CollisionPair(a, b))
+    assert len(geometry.collisionPairs) == 3
+    q = np.random.default_rng(0).uniform([-3, -0.6, -3], [3, 0.6, 3], (400, 3))
+    expected = []
+    for row in q:
+        full = np.array([row[0], row[1], np.cos(row[2]), np.sin(row[2])])
+        expected.append(pin.computeCollisions(model, model.createData(), geometry, geometry.createData(), full, True))
+    found = SelfCollision(chain, path)(q)
+    assert 0.05 < found.mean() < 0.95
+    assert np.array_equal(found, expected)
 
 
 def test_what_a_library_prints_by_itself_is_not_seen(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
