@@ -30,8 +30,9 @@ Selection = tuple[Cells, NDArray[np.bool_]]
 #: Chooses cells from the rows of an arm, its factoring without believed zeros, and what tells feasible postures.
 Chooser = Callable[[Rows, Factoring, Mask | None], Selection]
 
-#: Other places tried for the joints that a cell does not depend on, where the arm may not hold it with them at rest.
-_OTHER_RESTS = 5
+#: Other places tried for the joints that a cell does not depend on, where the arm may not hold it with them at rest; most
+#: of them are postures it may hold, among so many looked at.
+_OTHER_RESTS, _LOOKED_AT = 5, 200
 
 _UNITS = {"deg": np.pi / 180, "rad": 1.0, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
 #: Multiples of this for slides [m] where only an angle is given.
@@ -173,6 +174,7 @@ class _Lattice:
             )
         self.allowed = np.stack([self.low, self.high], axis=1) * step[:, None]
         self.rest = self.rounded(home(inside))
+        self.others = rests(self.rounded(spread(self.allowed, _LOOKED_AT, 0.7)), feasible)
 
     def rounded(self, q: Array) -> Array:
         """The nearest multiples."""
@@ -185,7 +187,7 @@ class _Lattice:
         q = np.where(np.arange(q.shape[1]) > cells.joint[:, None], q, self.rest)
         _, first = np.unique(np.column_stack([cells.joint, np.round(q / self.step)]), axis=0, return_index=True)
         distinct = Cells(cells.joint[np.sort(first)], q[np.sort(first)])
-        return holdable(distinct, self.rounded(spread(self.allowed, _OTHER_RESTS, 0.7)), self.feasible)
+        return holdable(distinct, self.others, self.feasible)
 
     def around(self, cells: Cells, offset: float) -> Cells:
         """Cells one step away along each joint, and some up to two steps away in all."""
@@ -195,17 +197,25 @@ class _Lattice:
         return Cells(np.repeat(cells.joint, len(moves)), (cells.q[:, None] + moves).reshape(-1, n))
 
 
+def rests(q: Array, feasible: Mask | None) -> Array:
+    """Returns where to try the joints that a cell does not depend on: the first few of q [m, n], then of those that are
+    `feasible` as they stand."""
+    held = q if feasible is None else q[feasible(q)]
+    return np.concatenate([q[:_OTHER_RESTS], held[:_OTHER_RESTS]])
+
+
 def holdable(cells: Cells, others: Array, feasible: Mask | None) -> Cells:
-    """Returns the cells that are feasible, the joints J_ii does not depend on moved to one of `others` [m, n] if need be."""
+    """Returns the cells that are feasible, the joints J_ii does not depend on moved to one of `others` [m, n] if need be:
+    the excited one alone, or all of them."""
     if feasible is None or not len(cells):
         return cells
     q, ok = cells.q.copy(), feasible(cells.q)
-    joints = np.arange(q.shape[1])
-    for other in others:
+    joints, own = np.arange(q.shape[1]), cells.joint[:, None]
+    for moving, other in product((joints == own, joints <= own), others):
         bad = np.flatnonzero(~ok)
         if not len(bad):
             break
-        moved = np.where(joints <= cells.joint[bad, None], other, q[bad])
+        moved = np.where(moving[bad], other, q[bad])
         good = feasible(moved)
         q[bad[good]], ok[bad[good]] = moved[good], True
     return Cells(cells.joint, q)[ok]
@@ -259,7 +269,7 @@ def _staircase(
     again = {np.round(row, 9).tobytes() for row in used}
     fresh = np.array([np.round(row, 9).tobytes() not in again for row in q])
     order = np.lexsort((np.round(np.abs(q).sum(axis=1), 9), there.sum(axis=1), fresh))
-    others = spread(allowed, _OTHER_RESTS, 0.7)
+    others = rests(spread(allowed, _LOOKED_AT, 0.7), feasible)
     cells: list[Cells] = []
     left = list(range(len(new)))
     while left:
