@@ -52,6 +52,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--spare", metavar="N", type=int, help="measurements beyond the minimum (default: a quarter)")
     parser.add_argument("--refine", action="store_true", help="search longer for the best plan")
     parser.add_argument(
+        "--draft",
+        action="store_true",
+        help="take the first good plan; the D-efficiency it states is far below the true one",
+    )
+    parser.add_argument(
         "--postures", metavar="FILE", help="judge these: lines of joint name, q1, .. [rad or m], or JSON"
     )
     parser.add_argument("--grid", metavar="STEP", help="plan on multiples of this, as 15deg or 15deg,5mm (slides: 1cm)")

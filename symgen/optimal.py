@@ -12,7 +12,9 @@ v is found by ascent from the best of many postures, not by interval arithmetic.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +26,18 @@ from symgen.holding import Holding
 #: The bound is close enough when no cell's variance exceeds d by more than this factor (a loss of 0.5 % of efficiency).
 CLOSE = 1.005
 
+#: The search is over when in so many rounds neither the weights nor the bound gain this part of the efficiency.
+_PATIENCE, _GAIN = 8, 1e-3
+
 #: Postures looked at for the largest variance, in each round at other places, and how many of each joint are climbed.
-_LOOKED_AT, _CLIMBED = 1000, 6
+_LOOKED_AT, _CLIMBED = 1000, 4
 
 #: Where not all postures are feasible: how many times `_CLIMBED` are tried to find so many that are; reaches [rad, m]
 #: and number of the steps with which a cell stopped by a wall looks for a way along it, and how many of them are tested.
 _TRIED, _REACHES, _SIDES, _ASKED = 2, (0.3, 0.1, 0.03, 0.01), 12, 3
+
+#: There, a peak is tested when its variance exceeds d by this part of what the largest of the round before did.
+_WORTH = 0.1
 
 #: Steps of the weights (plain, then Newton's) and of the climb in one round.
 _PLAIN, _NEWTON, _CLIMB_STEPS = 10, 6, 20
@@ -40,16 +48,22 @@ _LEVEL = 2e-3
 #: A cell is new when its variance exceeds d by more than this factor; those in use have just d.
 _ABOVE = 1.001
 
+#: How much the model of the weights is stiffened: for two cells close together, and more where crowds of them mislead it;
+#: and the lengths of Newton's step that are tried.
+_DAMPING, _LENGTHS = (1e-4, 1e-2, 1.0), (1.0, 0.5, 0.25, 0.06)
+
 #: Cells below this weight, relative to 1 / d, are dropped; weight given to the new ones; angle [rad, m] that tells two apart.
 _DROPPED, _NEW, _APART = 1e-4, 0.1, 0.02
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """Nearly D-optimal weights [M] of `cells`; `log_det_bound`: what no information per measurement can exceed."""
+    """Nearly D-optimal weights [M] of `cells`, with information of the determinant `log_det`; `log_det_bound`: what no
+    information per measurement can exceed."""
 
     cells: Cells
     weight: Array
+    log_det: float
     log_det_bound: float
 
 
@@ -60,30 +74,52 @@ def d_efficiency(F: Array, log_det_bound: float) -> float:
 
 
 def optimum(rows: Rows, holding: Holding, start: Cells, rounds: int) -> Optimum:
-    """Returns the spread of measurements reached from `start` (feasible cells of full rank) within `rounds`.
+    """Returns the spread of measurements reached from `start` (feasible cells of full rank) within `rounds` >= 1."""
+    return list(islice(optima(rows, holding, start), rounds))[-1]
+
+
+def optima(rows: Rows, holding: Holding, start: Cells) -> Iterator[Optimum]:
+    """Yields ever better spreads of measurements, from `start` (feasible cells of full rank) on, until there is no gain.
 
     Each round makes the weights optimal, drops the cells that have none, and climbs from the others, and from those of
-    largest variance elsewhere, to the peaks of the variance, which are the cells to add.
+    largest variance elsewhere, to the peaks of the variance. These are the cells to add, with those dropped before that
+    have a variance above d again.
     """
-    cells, d = start, rows.factoring.d
+    cells, d, largest = start, rows.factoring.d, np.inf
     F, weight, bound = rows.of_cells(cells), np.full(len(cells), 1 / len(cells)), np.inf
-    for k in range(rounds):
+    seen, F_seen = cells, F
+    history: list[tuple[float, float]] = []
+    for k in count():
         weight = _weights(F, weight)
         kept = weight > _DROPPED / d
         cells, F, weight = cells[kept], F[kept], steady(weight[kept] / weight[kept].sum(), 6)
         weight = weight / weight.sum()
         information = (F * weight[:, None]).T @ F
+        log_det = float(np.linalg.slogdet(information)[1])
         half = np.linalg.inv(np.linalg.cholesky(information)).T
-        high = _highest(rows, half, holding, 0.123 + 0.317 * k)
-        peaks, variance = _climbed(rows, half, cells + high, holding)
-        largest = max(float(variance.max()), d)
-        bound = min(bound, float(np.linalg.slogdet(information)[1]) + d * np.log(largest / d))
-        if largest < CLOSE * d or k == rounds - 1:
-            break
+        high = _highest(rows, half, holding, (0.123 + 0.317 * k) % 1.0)
+        worth = max(_ABOVE, 1 + _WORTH * (min(largest, 2 * d) / d - 1))
+        peaks, variance, untested = _climbed(rows, half, cells + high, holding, worth * d)
+        peaks, variance = peaks + seen, np.concatenate([variance, ((F_seen @ half) ** 2).sum(axis=1)])
+        largest = max(float(variance.max()), untested, d)
+        bound = min(bound, log_det + d * np.log(largest / d))
+        yield Optimum(cells, weight, log_det, bound)
+        history.append((log_det, bound))
+        if largest < CLOSE * d or _stalled(history, d):
+            return
         new = peaks[_distinct(peaks, variance, d)]
-        cells, F = cells + new, np.concatenate([F, rows.of_cells(new)])
+        F_new = rows.of_cells(new)
+        cells, F = cells + new, np.concatenate([F, F_new])
+        seen, F_seen = seen + new, np.concatenate([F_seen, F_new])
         weight = np.concatenate([(1 - _NEW) * weight, np.full(len(new), _NEW / max(len(new), 1))])
-    return Optimum(cells, weight, bound)
+
+
+def _stalled(history: list[tuple[float, float]], d: int) -> bool:
+    """Whether the last rounds (information of the weights, bound) gained nothing to speak of."""
+    if len(history) <= _PATIENCE:
+        return False
+    (log_det, bound), (log_det_before, bound_before) = history[-1], history[-1 - _PATIENCE]
+    return max(log_det - log_det_before, bound_before - bound) < _GAIN * d
 
 
 def _weights(F: Array, weight: Array) -> Array:
@@ -103,10 +139,12 @@ def _weights(F: Array, weight: Array) -> Array:
         if slope.max() < _LEVEL * d and np.abs(slope[weight > 0]).max() < _LEVEL * d:
             break
         used = np.flatnonzero((weight > 0) | (slope > 0))
-        step = np.zeros(len(weight))
-        step[used] = _newton(Y[used], slope[used], weight[used])
         here = objective(weight)
-        tried = (weight + length * step for length in 0.5 ** np.arange(8))
+        tried = (
+            _moved(weight, used, length * step)
+            for step in (_newton(Y[used], slope[used], weight[used], damping) for damping in _DAMPING)
+            for length in _LENGTHS
+        )
         better = next((w for w in tried if objective(w) > here), None)
         if better is None:
             break
@@ -120,10 +158,16 @@ def _variance(F: Array, weight: Array) -> tuple[Array, Array]:
     return Y, (Y**2).sum(axis=1)
 
 
-def _newton(Y: Array, slope: Array, weight: Array) -> Array:
+def _moved(weight: Array, used: NDArray[np.int64], step: Array) -> Array:
+    moved = weight.copy()
+    moved[used] += step
+    return moved
+
+
+def _newton(Y: Array, slope: Array, weight: Array, damping: float) -> Array:
     """The step to the maximum of the quadratic model over weights that stay >= 0; those that would not go to 0."""
     H = (Y @ Y.T) ** 2
-    H.flat[:: len(H) + 1] *= 1 + 1e-4  # two cells close together
+    H.flat[:: len(H) + 1] *= 1 + damping
     free = np.ones(len(weight), dtype=bool)
     step = np.zeros(len(weight))
     for _ in range(12):
@@ -141,21 +185,22 @@ def _highest(rows: Rows, half: Array, holding: Holding, offset: float) -> Cells:
     d, n = rows.factoring.d, len(holding.allowed)
     q = spread(holding.allowed, _LOOKED_AT, offset)
     variance = ((rows(q).reshape(-1, d) @ half) ** 2).sum(axis=1).reshape(-1, n)
-    count = _CLIMBED if holding.feasible is None else _TRIED * _CLIMBED
-    best = np.concatenate([ranked(variance[:, i])[:count] for i in range(n)])
-    cells = Cells(np.repeat(np.arange(n), count), q[best])
+    most = _CLIMBED if holding.feasible is None else _TRIED * _CLIMBED
+    best = np.concatenate([ranked(variance[:, i])[:most] for i in range(n)])
+    cells = Cells(np.repeat(np.arange(n), most), q[best])
     if holding.feasible is None:
         return cells
     passed, cells = holding.placed(cells)
-    place = np.cumsum(passed.reshape(n, count), axis=1).ravel()
+    place = np.cumsum(passed.reshape(n, most), axis=1).ravel()
     return cells[passed & (place <= _CLIMBED)]
 
 
-def _climbed(rows: Rows, half: Array, cells: Cells, holding: Holding) -> tuple[Cells, Array]:
+def _climbed(rows: Rows, half: Array, cells: Cells, holding: Holding, worth: float) -> tuple[Cells, Array, float]:
     """Cells after projected steps up the log of their variance |f half|^2, and the variance; all stay feasible.
 
     Step lengths of Barzilai and Borwein. A cell whose peak is not feasible goes as far towards it as it may, and on from
-    there with steps to all sides.
+    there with steps to all sides. One whose peak is not above `worth` stays, rather than be tested; the highest of these
+    peaks is the third result.
     """
 
     def value_slope(q: Array) -> tuple[Array, Array]:
@@ -180,21 +225,24 @@ def _climbed(rows: Rows, half: Array, cells: Cells, holding: Holding) -> tuple[C
         value = np.where(better, new, value)
     peaks = Cells(cells.joint, np.clip(steady(q, 3), *holding.allowed.T))
     if holding.feasible is None:
-        return peaks, value
-    stopped = ~holding.keeps(peaks)
+        return peaks, value, 0.0
+    tried = np.flatnonzero(value > worth)
+    passed = holding.keeps(peaks[tried])
+    q, reached, stopped = cells.q.copy(), before.copy(), tried[~passed]
+    q[tried[passed]], reached[tried[passed]] = peaks.q[tried[passed]], value[tried[passed]]
     at_wall = holding.towards(cells[stopped], peaks[stopped])
-    reached = ((rows.of_cells(at_wall) @ half) ** 2).sum(axis=1)
-    lower = reached < before[stopped]
-    peaks.q[stopped] = np.where(lower[:, None], cells.q[stopped], steady(at_wall.q))
-    value[stopped] = np.where(lower, before[stopped], reached)
-    return _along_walls(rows, half, holding, peaks, value, stopped & (value > _ABOVE * half.shape[0]))
+    there = ((rows.of_cells(at_wall) @ half) ** 2).sum(axis=1)
+    higher = there > before[stopped]
+    q[stopped[higher]], reached[stopped[higher]] = steady(at_wall.q[higher]), there[higher]
+    stopped = stopped[reached[stopped] > worth]
+    peaks, reached = _along_walls(rows, half, holding, Cells(cells.joint, q), reached, stopped)
+    return peaks, reached, float(value[value <= worth].max(initial=0.0))
 
 
 def _along_walls(
-    rows: Rows, half: Array, holding: Holding, cells: Cells, value: Array, stopped: NDArray[np.bool_]
+    rows: Rows, half: Array, holding: Holding, cells: Cells, value: Array, at: NDArray[np.int64]
 ) -> tuple[Cells, Array]:
-    """The cells and their variances after the stopped ones have taken the best feasible of steps to all sides."""
-    at = np.flatnonzero(stopped)
+    """The cells and their variances after those `at` walls have taken the best feasible of steps to all sides."""
     if not len(at):
         return cells, value
     q, value, n = cells.q.copy(), value.copy(), cells.q.shape[1]
@@ -220,11 +268,11 @@ def _along_walls(
 def _distinct(peaks: Cells, variance: Array, most: int) -> Array:
     """Indices of at most `most` peaks above d = `most`, highest first, none next to a higher one of its joint."""
     chosen: list[int] = []
-    for k in ranked(variance).tolist():
+    for k in ranked(variance)[: int((variance > _ABOVE * most).sum())].tolist():
         i = peaks.joint[k]
-        near = (np.abs(peaks.q[chosen, i + 1 :] - peaks.q[k, i + 1 :]) < _APART).all(axis=1) & (
-            peaks.joint[chosen] == i
-        )
-        if variance[k] > _ABOVE * most and len(chosen) < most and not near.any():
+        near = (np.abs(peaks.q[chosen, i + 1 :] - peaks.q[k, i + 1 :]) < _APART).all(axis=1)
+        if not (near & (peaks.joint[chosen] == i)).any():
             chosen.append(k)
+        if len(chosen) == most:
+            break
     return np.array(chosen, dtype=np.int64)

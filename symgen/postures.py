@@ -11,7 +11,9 @@ measurement. Exactly d cells can not do better than 1 at the worst (i, q) (Kiefe
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -21,7 +23,8 @@ from symgen.basis import Factoring
 from symgen.cells import Cells, Rows, every_joint, ranked, spread
 from symgen.chain import Array, readonly
 from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, Holding, Mask, box, home
-from symgen.optimal import d_efficiency, optimum
+from symgen.optimal import Optimum, d_efficiency, optima
+from symgen.renewal import renewed
 from symgen.saturated import CANDIDATES, Search, candidates, saturated
 
 __all__ = [
@@ -38,14 +41,32 @@ __all__ = [
     "plan",
 ]
 
-Effort = Literal["quick", "full"]
+Effort = Literal["draft", "quick", "full"]
 
 _WORKSPACE = 2000
 
 #: Spare cells looked at together for one that is feasible.
 _AT_ONCE = 8
 
-_SEARCH = {"quick": Search(7, 12, 3, 30, 60), "full": Search(40, 200, 16, 90, 600)}
+
+@dataclass(frozen=True)
+class _Work:
+    """Rounds of the search for the bound, and that for the plan. Where the D-efficiency then is not `enough`, so many `turns`
+    follow: `more` rounds where the bound is more to blame than the plan, else `tries` at a better plan."""
+
+    rounds: int
+    search: Search
+    turns: int
+    more: int
+    tries: int
+    enough: float
+
+
+_WORK = {
+    "draft": _Work(3, Search(3, 1, 0, 30), 0, 0, 0, 1.0),
+    "quick": _Work(12, Search(12, 3, 30, 60), 4, 4, 5, 0.901),
+    "full": _Work(40, Search(40, 10, 60, 180), 4, 0, 20, 0.93),
+}
 
 
 @dataclass(frozen=True)
@@ -128,11 +149,22 @@ def plan(
     """
     chain, d = factoring.chain, factoring.d
     rows = Rows(factoring, np.zeros(chain.n) if rotor is None else rotor)
-    search = _SEARCH[effort]
-    holding = Holding(chain, box(chain.limits), feasible)
+    work, holding = _WORK[effort], Holding(chain, box(chain.limits), feasible)
     start = candidates(rows, holding)
-    best = optimum(rows, holding, start[np.arange(len(start)) < 4 * d], search.rounds)
-    _, needed = holding.placed(saturated(rows, start[np.arange(len(start)) < d], best, holding, search))
+    spreads = optima(rows, holding, start[np.arange(len(start)) < 4 * d])
+    best = _further(spreads, work.rounds)
+    cells = saturated(rows, start[np.arange(len(start)) < d], best, holding, work.search)
+    rng = np.random.default_rng(0)
+    for _ in range(work.turns):
+        F = rows.of_cells(cells)
+        if d_efficiency(F, best.log_det_bound) >= work.enough:
+            break
+        missed = work.enough / d_efficiency(F, best.log_det)
+        if np.exp((best.log_det_bound - best.log_det) / d) > missed:
+            best = _further(spreads, work.more, best)
+        else:
+            cells = renewed(rows, cells, best, holding, work.tries, work.enough, rng)
+    _, needed = holding.placed(cells)
     pool = best.cells + every_joint(spread(holding.allowed, CANDIDATES, 0.5))
     more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare, holding)
     both = ordered(needed, holding.rest) + ordered(more, holding.rest)
@@ -146,9 +178,13 @@ def certificate(rows: Rows, F: Array, holding: Holding, effort: Effort = "quick"
 
 def _log_det_bound(rows: Rows, holding: Holding, effort: Effort) -> float:
     start = candidates(rows, holding)
-    return optimum(
-        rows, holding, start[np.arange(len(start)) < 4 * rows.factoring.d], _SEARCH[effort].rounds
-    ).log_det_bound
+    spreads = optima(rows, holding, start[np.arange(len(start)) < 4 * rows.factoring.d])
+    return _further(spreads, _WORK[effort].rounds).log_det_bound
+
+
+def _further(spreads: Iterator[Optimum], rounds: int, *known: Optimum) -> Optimum:
+    """The last of the next `rounds` spreads; the one `known` where there are no more."""
+    return [*known, *islice(spreads, rounds)][-1]
 
 
 def judged(

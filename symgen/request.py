@@ -36,6 +36,7 @@ class Request:
     snap: bool = True
     spare: int | None = None
     refine: bool = False
+    draft: bool = False
     feasible: bool = True
     grid: str | None = None
     triangular: bool = False
@@ -44,7 +45,7 @@ class Request:
 
     @property
     def effort(self) -> Effort:
-        return "full" if self.refine else "quick"
+        return "full" if self.refine else "draft" if self.draft else "quick"
 
     def document(self) -> dict[str, Any]:
         """What differs from the default, for plan.json. A file of postures is not named: its cells are in plan.json itself."""
@@ -132,12 +133,14 @@ def plan_for(urdf: Path, request: Request) -> plan.Plan:
 def _chooser(request: Request, chain: Chain) -> alternatives.Chooser | None:
     """What chooses the cells, where it is not `postures.plan`."""
     kinds = [f"--{name}" for name in ("postures", "grid", "triangular") if getattr(request, name)]
+    if request.refine and request.draft:
+        raise SymgenError("--refine and --draft: expected one of them at most")
     if len(kinds) > 1:
         raise SymgenError(f"{' and '.join(kinds)}: expected one of them at most")
-    if kinds and (request.refine and not request.grid or request.spare is not None and request.postures is not None):
-        raise SymgenError(
-            f"{kinds[0]}: expected without {'--refine' if request.refine else '--spare'}, which has no effect"
-        )
+    efforts = [f"--{name}" for name in ("refine", "draft") if getattr(request, name) and not request.grid]
+    spare = ["--spare"] if request.spare is not None and request.postures is not None else []
+    if kinds and (unused := [*efforts, *spare]):
+        raise SymgenError(f"{kinds[0]}: expected without {unused[0]}, which has no effect")
     if request.postures is not None:
         selection = alternatives.given(request.postures, chain)
         return lambda rows, wider, feasible: selection

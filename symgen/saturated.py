@@ -34,10 +34,13 @@ _SEEN = 1e-6
 _IN_FULL = 1e-8
 
 #: Power of det(F' F)^(1/d) for one of the worst amplification: what is good for all constants, and for J_ii(q).
-_DET_POWER = 3
+_DET_POWER = 6
 
 #: Exponent of the smooth maximum over the joints.
 _SHARPNESS = 8
+
+#: Plans whose amplification exceeds this at one posture in a thousand are worth less, by so much.
+_TAIL, _TAIL_WEIGHT = 1.6, 2.0
 
 #: Merits of two designs closer than this: mirror images of each other, or the same.
 _SAME = 1e-6
@@ -49,11 +52,16 @@ _STRETCH, _STALLED = 30, 3e-4
 _OPTIONS = 8
 
 
+#: Where not all postures are feasible: reaches [rad, m] and number of the steps to all sides of each cell for which it may
+#: be exchanged, after each stretch.
+_REACHES, _SIDES = (0.3, 0.1, 0.03, 0.01), 12
+_WORTH_IT = 1.0
+
+
 @dataclass(frozen=True)
 class Search:
-    """Rounds of `optimal.optimum`, exchanges started over its cells, designs refined, their steps, and the best one's."""
+    """Exchanges started over the cells of the optimal spread, designs refined, their steps, and the best one's."""
 
-    rounds: int
     starts: int
     designs: int
     steps: int
@@ -122,15 +130,21 @@ def _first_largest(values: Array) -> int:
 
 
 class Merit:
-    """How good d cells are: log of det(F' F)^(3/d) / worst amplification, the worst joint as a smooth maximum."""
+    """How good d cells are: log of det(F' F)^(6/d) / worst amplification, the worst joint as a smooth maximum."""
 
     def __init__(self, rows: Rows):
-        everywhere = rows(spread(rows.factoring.chain.limits, _WORKSPACE, 0.123))
-        self.moments = np.einsum("mid,mie->ide", everywhere, everywhere, optimize=True) / len(everywhere)
+        self._everywhere = rows(spread(rows.factoring.chain.limits, _WORKSPACE, 0.123))
+        self.moments = np.einsum("mid,mie->ide", self._everywhere, self._everywhere, optimize=True) / _WORKSPACE
 
     def __call__(self, F: Array) -> float:
         """The merit of the rows F [d, d]."""
         return self.with_slope(F)[0]
+
+    def of_choice(self, F: Array) -> float:
+        """The merit of the rows F [d, d] to choose between plans by, rounded: less where the amplification has a tail."""
+        variance = ((self._everywhere @ np.linalg.inv(F)) ** 2).sum(axis=2)
+        tail = float(np.sqrt(np.quantile(variance, 0.999, axis=0).max()))
+        return round(self(F) - _TAIL_WEIGHT * max(tail - _TAIL, 0.0), 6)
 
     def with_slope(self, F: Array) -> tuple[float, Array]:
         """The merit of the rows F [d, d] and its derivative [d, d]. Raises LinAlgError if F is singular."""
@@ -180,9 +194,9 @@ def saturated(rows: Rows, first: Cells, best: Optimum, holding: Holding, search:
     found.sort(key=lambda one: -one[0])
     distinct = [found[k][1] for k in range(len(found)) if k == 0 or found[k - 1][0] - found[k][0] > _SAME]
     starts = [*(options[chosen] for chosen in distinct[: search.designs]), first]
-    designs = [_refined(rows, merit, cells, holding, search.steps) for cells in starts]
-    winner = max(designs, key=lambda cells: round(merit(rows.of_cells(cells)), 6))
-    return _refined(rows, merit, winner, holding, search.last_steps)
+    designs = [refined(rows, merit, cells, holding, search.steps) for cells in starts]
+    winner = max(designs, key=lambda cells: merit.of_choice(rows.of_cells(cells)))
+    return refined(rows, merit, winner, holding, search.last_steps)
 
 
 def _telling(F: Array, joint: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -209,22 +223,38 @@ def _rank(rows: Rows, cells: Cells) -> int:
     return int((values > _SEEN * values[0]).sum())
 
 
-def _refined(rows: Rows, merit: Merit, cells: Cells, holding: Holding, steps: int) -> Cells:
-    """The d cells with their postures moved within the box up the merit, by at most `steps` quasi-Newton steps.
+def refined(rows: Rows, merit: Merit, cells: Cells, holding: Holding, steps: int) -> Cells:
+    """Returns the d cells with their postures moved within the box up the merit, by at most `steps` quasi-Newton steps.
 
-    In stretches: where not all postures are feasible each cell goes as far towards its aim as it may, then all aim again.
+    In stretches: where not all postures are feasible each cell goes as far towards its aim as it may, and to a feasible
+    place beside it where that is better; then all aim again.
     """
     stretch = _STRETCH if holding.feasible is None else _STRETCH // 2
     best, reached = cells, merit(rows.of_cells(cells))
-    for _ in range(-(-steps // _STRETCH)):
+    for k in range(-(-steps // _STRETCH)):
         before = reached
-        cells = holding.towards(cells, _climbed(rows, merit, cells, holding.allowed, stretch))
+        cells = holding.towards(cells, _climbed(rows, merit, cells, holding.allowed, min(stretch, steps)))
+        for reach in () if holding.feasible is None else _REACHES:
+            cells = _beside(rows, merit, cells, holding, reach, 0.31 * (k + 1) % 1.0)
         value = merit(rows.of_cells(cells))
         if value > reached:
             best, reached = cells, value
         if reached < before + _STALLED:
             break
     return best
+
+
+def _beside(rows: Rows, merit: Merit, cells: Cells, holding: Holding, reach: float, offset: float) -> Cells:
+    """The cells after exchanges for feasible ones within `reach` of them: a way along the walls."""
+    d, n = cells.q.shape
+    own, moves = np.repeat(np.arange(d), _SIDES), spread(np.tile([-reach, reach], (n, 1)), _SIDES, offset)
+    moves = np.where(np.arange(n) > cells.joint[:, None, None], moves, 0.0)
+    near = Cells(cells.joint[own], (cells.q[:, None] + moves).reshape(-1, n))
+    near = Cells(near.joint, np.clip(steady(near.q), *holding.allowed.T))
+    alone = (rows.of_cells(near) * np.linalg.inv(rows.of_cells(cells)).T[own]).sum(axis=1)
+    near = near[np.abs(alone) > _WORTH_IT]
+    options = cells + near[holding.keeps(near)]
+    return options[merit.exchanged(rows.of_cells(options), np.arange(d))]
 
 
 def _climbed(rows: Rows, merit: Merit, cells: Cells, allowed: Array, steps: int) -> Cells:

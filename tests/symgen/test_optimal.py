@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 import numpy as np
 import pytest
-from arms import factoring_of
+from arms import _FILES, arm, factoring_of
 from chains import general_chain
 from numpy.typing import NDArray
 
 from symgen.basis import Factoring, factor
 from symgen.cells import Rows, every_joint, spread
 from symgen.holding import Holding, Mask, box
-from symgen.optimal import d_efficiency, optimum
+from symgen.optimal import d_efficiency, optima, optimum
+from symgen.plan import feasible_postures
 from symgen.saturated import candidates
 
 
@@ -82,3 +85,26 @@ def test_efficiency_is_per_measurement_and_at_most_one() -> None:
     assert d_efficiency(F, bound) == pytest.approx(0.5, rel=1e-12)
     assert d_efficiency(np.concatenate([F, F]), bound) == pytest.approx(0.5, rel=1e-12)
     assert d_efficiency(10 * F, bound) == 1.0
+
+
+def test_the_search_goes_on_where_it_stood_and_ends_by_itself() -> None:
+    found = factoring_of("ypp3")
+    rows, holding = Rows(found, np.zeros(3)), Holding(found.chain, box(found.chain.limits), None)
+    start = candidates(rows, holding)
+    rounds = list(islice(optima(rows, holding, start), 200))
+    assert len(rounds) < 200
+    bounds = [best.log_det_bound for best in rounds]
+    assert bounds == sorted(bounds, reverse=True)
+    assert all(best.log_det <= bounds[-1] for best in rounds), "what some weights reach is below every bound"
+    assert optimum(rows, holding, start, 3).log_det_bound == bounds[2]
+
+
+@pytest.mark.bench
+def test_behind_walls_the_search_ends_too() -> None:
+    """UR10, whose many cells close together at its walls once misled the steps of the weights for good."""
+    chain = arm("ur10")
+    holding = Holding(chain, box(chain.limits), feasible_postures(chain, _FILES["ur10"], (), (0.0, 0.0, -9.81)))
+    rows = Rows(factoring_of("ur10"), np.zeros(6))
+    *_, best = islice(optima(rows, holding, candidates(rows, holding)), 60)
+    assert best.log_det_bound - best.log_det < 0.01 * rows.factoring.d
+    assert len(best.cells) < 8 * rows.factoring.d

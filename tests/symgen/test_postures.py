@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import arm, factoring_of
+from arms import _FILES, arm, factoring_of
 from chains import general_chain, judge, own, postures, random_body, with_bodies
 from numpy.typing import NDArray
 
@@ -18,6 +18,7 @@ from symgen.basis import Factoring, factor
 from symgen.cells import Cells, Rows, every_joint, spread
 from symgen.chain import Chain, Inertia
 from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, Holding, box, home
+from symgen.plan import feasible_postures
 from symgen.postures import Design, Effort, certificate, judged, plan
 from symgen.regressor import C_rows
 from symgen.saturated import maxvol
@@ -137,14 +138,26 @@ def test_the_number_of_spare_cells_is_the_callers() -> None:
 # What a plan achieves ------------------------------------------------------------------------------------------------
 
 
+#: Panda and some general arms end at 0.88 to 0.90: plans of as many cells as constants are local optima, and the bound is
+#: that of plans of any size.
+HARD = ("panda", "6R 0", "7R 0")
+
+
 @pytest.mark.parametrize("name", [*VENDORS, "6R 0", "7R 1"])
-def test_a_quick_plan_is_a_good_one(name: str) -> None:
+def test_a_plan_is_a_good_one_and_certified(name: str) -> None:
     """1 is the floor at the worst (i, q). Random cells are tens to thousands of times worse, a chain of per-joint plans
     two to thirty times (below)."""
     design = designed(name)
     assert design.amplification.max() <= 1.2
     assert design.amplification_p999.max() <= 1.7
-    assert 0.6 <= design.d_efficiency <= 1
+    assert (0.88 if name in HARD else 0.9) <= design.d_efficiency <= 1
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_a_draft_determines_all_at_little_more_error(name: str) -> None:
+    design = designed(name, "draft")
+    assert design.amplification.max() <= (1.35 if name == "panda" else 1.5)
+    assert design.d_efficiency < designed(name).d_efficiency
 
 
 def test_a_full_plan_is_certified() -> None:
@@ -158,10 +171,26 @@ def test_a_full_plan_is_certified() -> None:
 @pytest.mark.bench
 @pytest.mark.parametrize("name", [*VENDORS, "6R 0", "6R 1", "7R 0", "7R 1"])
 def test_full_plans_are_certified(name: str) -> None:
-    """General arms of 6 and 7 joints end at 0.87 to 0.92; whether more is possible the bound does not say."""
     design = designed(name, "full")
-    assert design.d_efficiency >= (0.9 if name in VENDORS else 0.86)
+    assert design.d_efficiency >= (0.89 if name == "7R 0" else 0.9)
     assert design.amplification.max() <= 1.2 and design.amplification_p999.max() <= 1.7
+
+
+@pytest.mark.bench
+@pytest.mark.parametrize("effort", ["quick", "full"])
+@pytest.mark.parametrize("name", VENDORS)
+def test_behind_walls_plans_are_certified(name: str, effort: Effort) -> None:
+    """Gravity within the motors, no self-collision. At the walls plans of d cells lose more than the bound does."""
+    chain = arm(name)
+    feasible = feasible_postures(chain, _FILES[name], (), (0.0, 0.0, -9.81))
+    design = plan(factored(name), factored(name), effort=effort, feasible=feasible)
+    assert feasible(design.q).all()
+    assert design.amplification.max() <= 1.2 and design.amplification_p999.max() <= 1.7
+    least = {
+        "quick": {"kinova": 0.86, "panda": 0.86, "z1 without gripper": 0.89},
+        "full": {"z1 without gripper": 0.89, "panda": 0.89},
+    }
+    assert design.d_efficiency >= least[effort].get(name, 0.9)
 
 
 def test_random_cells_and_plans_made_joint_by_joint_are_no_match() -> None:

@@ -52,7 +52,7 @@ def test_merit_is_determinant_over_worst_amplification_and_its_slope_is_that_of_
     covariance = np.linalg.inv(F.T @ F)
     worst = np.sqrt(np.einsum("mid,de,mie->mi", everywhere, covariance, everywhere).mean(axis=0).max())
     value, slope = merit.with_slope(F)
-    plain = 3 * np.linalg.slogdet(F.T @ F)[1] / len(F) - np.log(worst)
+    plain = 6 * np.linalg.slogdet(F.T @ F)[1] / len(F) - np.log(worst)
     # the smooth maximum of 3 joints is above the largest by at most 3^(1/8) in the square; 500 postures stand for all
     assert plain - np.log(3) / 16 - 0.05 <= value <= plain + 0.05
     for seed in range(3):
@@ -82,7 +82,7 @@ def sharp(merit: Merit, F: np.ndarray) -> float:
     """The merit with the true maximum over the joints."""
     G = np.linalg.inv(F)
     worst = max(np.trace(G.T @ M @ G) for M in merit.moments)
-    return 6 / len(F) * float(np.linalg.slogdet(F)[1]) - float(np.log(worst)) / 2
+    return 12 / len(F) * float(np.linalg.slogdet(F)[1]) - float(np.log(worst)) / 2
 
 
 def test_a_longer_search_is_not_worse() -> None:
@@ -92,7 +92,7 @@ def test_a_longer_search_is_not_worse() -> None:
     first, best = start[np.arange(28)], optimum(rows, holding, start, 4)
     found = [
         merit(rows.of_cells(saturated(rows, first, best, holding, search)))
-        for search in (Search(4, 1, 0, 0, 0), Search(4, 6, 1, 10, 20), Search(4, 24, 6, 40, 200))
+        for search in (Search(1, 0, 0, 0), Search(6, 1, 10, 20), Search(24, 6, 40, 200))
     ]
     assert merit(rows.of_cells(first)) <= found[0] < found[1] < found[2]
 
@@ -109,7 +109,7 @@ def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
     first, best = start[np.arange(28)], optimum(rows, holding, start, 4)
     assert holding.keeps(start).all() and holding.keeps(best.cells).all()
     short, long = (
-        saturated(rows, first, best, holding, search) for search in (Search(4, 6, 2, 0, 0), Search(4, 6, 2, 40, 200))
+        saturated(rows, first, best, holding, search) for search in (Search(6, 2, 0, 0), Search(6, 2, 40, 200))
     )
     for cells in (short, long):
         passed, placed = holding.placed(cells)
@@ -117,7 +117,7 @@ def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
     assert merit(rows.of_cells(long)) > merit(rows.of_cells(short)) + 0.1, "refined up to the walls"
     anywhere = optimum(rows, free(arm("ur5")), start, 4)
     assert anywhere.log_det_bound > best.log_det_bound
-    unbound = saturated(rows, first, anywhere, free(arm("ur5")), Search(4, 6, 2, 40, 200))
+    unbound = saturated(rows, first, anywhere, free(arm("ur5")), Search(6, 2, 40, 200))
     assert merit(rows.of_cells(unbound)) > merit(rows.of_cells(long)), "walls cost something"
 
 

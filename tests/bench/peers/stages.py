@@ -15,11 +15,11 @@ _SMALL = Path(__file__).parents[3] / "robots/ypp3/ypp3.urdf"
 
 
 def stages(urdf: Path) -> dict[str, Any]:
-    """Seconds to parse, derive with ranks, plan, and build all functions; and what the plan promises."""
+    """Seconds to parse, derive with ranks, plan (a draft), and build all functions; and what the plan promises."""
     cpu, times = time.process_time(), [time.perf_counter()]
     chain, unsnapped = plan.chain_of_file(urdf)
     times.append(time.perf_counter())
-    made = plan.make_plan(chain, unsnapped=unsnapped)
+    made = plan.make_plan(chain, unsnapped=unsnapped, effort="draft")
     times.append(time.perf_counter())
     emit.functions(made.model.factoring)
     times.append(time.perf_counter())
