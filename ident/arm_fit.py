@@ -85,7 +85,7 @@ class Problem:
     high: Array
     free: NDArray[np.bool_]
     posture_of: Callable[[Evidence, Array], Posture]
-    smooth: bool = False
+    turns: int = 0
     expected: tuple[Array, Array] | None = None
 
     @property
@@ -275,8 +275,8 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
         W = whitening(powers, scene.theta, doubt)
         W = W if one.judged is None else W * one.judged[:, None, None]
         how = moved(scene, p, effects)
-        if how is not None and problem.smooth and any(map(has_forces, effects)):
-            how = smoothed(scene, p, effects, how, one.sampling, one.noise)
+        if how is not None and problem.turns and any(map(has_forces, effects)):
+            how = smoothed(scene, p, effects, how, one.sampling, one.noise, problem.turns)
         found.append(Held(W, how))
     return found
 

@@ -34,6 +34,7 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import IdentError
 from ident.frf import Complex, Frf, estimate
+from ident.smoothing import TURNS
 from ident.trace import PORTS, Linearised, linearise
 from symgen.plan import Model
 
@@ -49,6 +50,8 @@ SURELY = 4
 FINALISTS = 3
 #: Fall of chi^2 that ends a descent: of a candidate, of a finalist; times that the weights of what is chosen are made anew.
 HASTILY, FINELY, FULLY = 0.03, 0.002, 8
+#: Turns to the force of dry friction for a candidate.
+FEW_TURNS = 15
 #: chi^2 per degree of freedom of a group of lines above which the arm is not explained, and the least of a group's degrees.
 DEPARTURE, LEAST_DOF = 3.0, 40
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
@@ -180,13 +183,14 @@ class _Bench:
     guess: Parameters
 
     def problem(
-        self, data: tuple[Evidence, ...], effects: Sequence[Effect], scales: Sequence[float], limits: Sequence[tuple[float, float]]
+        self, data: tuple[Evidence, ...], effects: Sequence[Effect], scales: Sequence[float], limits: Sequence[tuple[float, float]],
+        turns: int = TURNS,
     ) -> Problem:  # fmt: skip
         problem = problem_of(self.campaign, self.model, self.basis, data, self.guess, effects, scales, limits)
         whole = [p.whole for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(whole, dtype=bool) if whole else free[problem.base :]
-        return replace(problem, free=free, smooth=True)
+        return replace(problem, free=free, turns=turns)
 
 
 def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:
@@ -230,8 +234,7 @@ def _loop(bench: _Bench, progress: Callable[[str], None]) -> tuple[State, State,
 
 def _left_over(bench: _Bench, start: State, state: State, added: Sequence[Added]) -> tuple[Departure, ...]:
     """What stays unexplained, but for the small rest that known effects may leave."""
-    found = errors(bench, state, bench.split.select)
-    little = added and _left(bench, start, state) < LEFT and found.all < CLOSE * found.noise
+    little = added and _left(bench, start, state) < LEFT and _excess(bench, state) < CLOSE**2
     return () if little else departures(bench, state)
 
 
@@ -350,9 +353,10 @@ def _fitted(
     limits: tuple[tuple[float, float], ...], doubts: Sequence[float] = (), outer: int = 2,
     roughly: float = FINELY,
 ) -> State:  # fmt: skip
-    problem = bench.problem(bench.split.fit, effects, scales, limits)
+    turns = FEW_TURNS if roughly == HASTILY else TURNS
+    problem = bench.problem(bench.split.fit, effects, scales, limits, turns)
     minimum = minimise(problem, vector, doubts, outer, roughly)
-    chosen = bench.problem(bench.split.select, effects, scales, limits)
+    chosen = bench.problem(bench.split.select, effects, scales, limits, turns)
     select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
     return State(problem.effects_at(minimum.vector), scales, limits, minimum, problem, select)
 
@@ -396,7 +400,6 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
         tried.append((candidate, new))
         progress(f"  {_name(new.effects[-1])}: {_excess(bench, new):.4g}, promised {candidate.gain:.3g}")
     dof = degrees(bench.split.select)
-    excess = max(state.select - dof, 1.0)
     named = [pair for pair in tried if pair[0].effect.name != "unknown"]
     drawn = [pair for pair in tried if pair[0].effect.name == "unknown"]
     for kind, count in ((named, FINALISTS), (drawn, 1)):
@@ -412,7 +415,7 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
     best = (best[0], _fitted(bench, best[1].minimum.vector, best[1].effects, best[1].scales, best[1].limits, (), FULLY))
     less = _without(bench, best[1], best[1].effects[-1])  # what is gained by a better fit is no gain of the effect
     state = less if less.select < state.select else state
-    gain = state.select - best[1].select
+    gain, excess = state.select - best[1].select, max(state.select - dof, 1.0)
     least = CURVE_SHARE * first if best is curve else 0.0
     if gain < max(LEAST_GAIN, LEAST_SHARE * excess, least, ENOUGH * (first - dof)):
         return None
@@ -452,8 +455,7 @@ def _plainest(named: Sequence[tuple[Candidate, State]], dof: int) -> tuple[Candi
 def _much_better(bench: _Bench, by_curve: float, named: State) -> bool:
     """Whether a learned curve, that can play any law of its variable, leaves so much less than a name that the name is wrong."""
     by_name = named.select - degrees(bench.split.select)
-    found = errors(bench, named, bench.split.select)
-    return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and found.all > CLOSE / 2.0 * found.noise
+    return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and _excess(bench, named) > (CLOSE / 2.0) ** 2
 
 
 def _with(bench: _Bench, state: State, candidate: Candidate, lin: Linearised) -> State:

@@ -36,11 +36,11 @@ Key = tuple[str, int]
 
 
 def smoothed(
-    scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, noise: Noise
+    scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, noise: Noise, turns: int = TURNS
 ) -> Moved:
     """Returns the motion of a record in which the forces of `effects` are those of this very motion; `start` one near to it.
 
-    `sampling` and `noise` are those of the record.
+    `sampling` and `noise` are those of the record. Dry friction takes up to `turns`: few are enough to compare by.
     """
     linear = linear_extra(scene, p, effects)
     powers = noise_powers(scene.arm, p, sampling, noise, scene.theta, linear)
@@ -64,7 +64,7 @@ def smoothed(
             elif dry:
                 rest = signals(whole.scene, smooth, motion).get(key)
                 other = other if rest is None else other.plus(_Force.of(whole.scene, rest))
-                force, loose[key] = _sliding(whole, key, dry, motion, on | {key: other}, on[key])
+                force, loose[key] = _sliding(whole, key, dry, motion, on | {key: other}, on[key], turns)
                 other = other.plus(force)
             on = on | {key: other}
         misfit = whole.misfit(on)
@@ -99,8 +99,9 @@ class _Force:
 
 
 def _sliding(
-    whole: _Whole, key: Key, laws: Sequence[Effect], motion: Motion, on: Mapping[Key, _Force], start: _Force
-) -> tuple[_Force, Array]:
+    whole: _Whole, key: Key, laws: Sequence[Effect], motion: Motion, on: Mapping[Key, _Force], start: _Force,
+    turns: int,
+) -> tuple[_Force, Array]:  # fmt: skip
     """The force of dry `laws` at a port, of the velocity that it leaves, from `start` under the forces `on` besides; and how freely it
     follows its parameters [S]: 0 where the joint sticks and the force is what holds it, 1 where it slides.
 
@@ -123,23 +124,23 @@ def _sliding(
     measured = getattr(state, name)
     best, free, least = start, np.ones(scene.samples), np.inf
     for w in (friction(measured) + g * measured, scene.in_time((g * v0 - start.lines)[:, None])[:, 0]):
-        force, slope = _in_turns(scene, friction, g, v0, Y, w)
+        force, slope = _in_turns(scene, friction, g, v0, Y, w, turns)
         misfit = whole.misfit(on | {key: on[key].plus(force)})
         if misfit < least:
             best, free, least = force, g / (g + np.maximum(slope, 0.0)), misfit
-        if least < EXPLAINED * whole.degrees:
+        if turns < TURNS or least < EXPLAINED * whole.degrees:
             break
     return best, free
 
 
 def _in_turns(
-    scene: Scene, friction: Callable[[Array], Array], g: float, v0: Complex, Y: Complex, w: Array
+    scene: Scene, friction: Callable[[Array], Array], g: float, v0: Complex, Y: Complex, w: Array, turns: int
 ) -> tuple[_Force, Array]:
     """The force of `friction` where v = v0 - Y friction(v), from w = friction(v) + g v; and the slope of friction [S] there."""
     v = w / g
     slope = np.zeros_like(w)
     force, mean = np.zeros_like(v0), 0.0
-    for _ in range(TURNS):
+    for _ in range(turns):
         v, slope = _met(friction, g, w, v)
         f = w - g * v
         left = scene.at_lines(f - g * v)
