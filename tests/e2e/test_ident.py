@@ -43,9 +43,34 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("ident")
 
 
+def once(
+    folder: Path, name: str, arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> tuple[int, dict[str, Any]]:
+    """What the first test of this worker to need it found in `folder / name`, or finds now: tests may be spread over processes."""
+    kept = folder / f"{name}.json"
+    if not kept.exists():
+        kept.write_text(json.dumps(run([*arguments, "-o", str(folder / name)], capsys)))
+    status, result = json.loads(kept.read_text())
+    return status, result
+
+
+def rigid(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
+    """The paper's simulation: locks that are rigid."""
+    return once(folder, "rigid", ["run", str(ROBOT), "--lock", "rigid", "--seed", "3"], capsys)
+
+
+def dob(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
+    """Held by motors whose springs give, short records, read as two masses."""
+    quick = folder / "quick"
+    shutil.copytree(ROBOT, quick, dirs_exist_ok=True)
+    text = (ROBOT / "robot.toml").read_text().replace("line_spacing_Hz = 0.1", "line_spacing_Hz = 0.2")
+    (quick / "robot.toml").write_text(text.replace("periods = 6", "periods = 4"))
+    return once(folder, "dob", ["run", str(quick), "--method", "two-mass"], capsys)
+
+
 def test_rigid_locks_give_the_inertia_matrix(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The paper's simulation: J_l within 0.1 % of CAD, alpha and J(q) at unseen postures within 0.3 %."""
-    status, result = run(["run", str(ROBOT), "-o", str(folder / "rigid"), "--lock", "rigid", "--seed", "3"], capsys)
+    status, result = rigid(folder, capsys)
     assert status == 0 and result["explained"] and result["physically_consistent"]["ok"]
     assert result["chi2_per_dof"] < 1.2
     for record in result["records"].values():
@@ -60,7 +85,7 @@ def test_rigid_locks_give_the_inertia_matrix(folder: Path, capsys: pytest.Captur
 
 def test_fit_reads_only_the_campaign(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The same numbers from the file alone, believed zeros found by need."""
-    first = json.loads((folder / "rigid" / "result.json").read_text())
+    first = rigid(folder, capsys)[1]
     status, again = run(["fit", str(folder / "rigid" / "campaign.h5"), "-o", str(folder / "fit")], capsys)
     assert status == 0
     assert again["alpha"]["value"] == pytest.approx(first["alpha"]["value"], rel=1e-12)
@@ -69,11 +94,7 @@ def test_fit_reads_only_the_campaign(folder: Path, capsys: pytest.CaptureFixture
 
 def test_flexible_locks_are_owned_up_to(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Held by motors whose springs give, the distal joint reads wrong by a factor; the result must say so."""
-    quick = folder / "quick"
-    shutil.copytree(ROBOT, quick)
-    text = (ROBOT / "robot.toml").read_text().replace("line_spacing_Hz = 0.1", "line_spacing_Hz = 0.2")
-    (quick / "robot.toml").write_text(text.replace("periods = 6", "periods = 4"))
-    status, result = run(["run", str(quick), "-o", str(folder / "dob"), "--method", "two-mass"], capsys)
+    status, result = dob(folder, capsys)
     assert status == 1 and not result["explained"]
     distal = [record for record in result["records"].values() if record["excited"] == "joint3"]
     assert all(record["J_l"] < 0.6 * record["J_cad"] and not record["explained"] for record in distal)
@@ -84,6 +105,7 @@ def test_flexible_locks_are_owned_up_to(folder: Path, capsys: pytest.CaptureFixt
 
 def test_the_coupled_fit_of_the_same_records_is_right(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two masses read J_33 66 % low from these records; all motors fitted at once give J(q) to 0.1 % of sqrt(J_ii J_jj)."""
+    dob(folder, capsys)
     campaign = str(folder / "dob" / "campaign.h5")
     status, result = run(["fit", campaign, "-o", str(folder / "coupled"), "--believe-zeros"], capsys)
     assert result["method"] == "coupled"
@@ -96,6 +118,7 @@ def test_the_coupled_fit_of_the_same_records_is_right(folder: Path, capsys: pyte
 
 def test_the_methods_stand_side_by_side(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One table; modal is near the coupled fit at the distal joint, two masses and three points are not."""
+    dob(folder, capsys)
     campaign, out = str(folder / "dob" / "campaign.h5"), str(folder / "all")
     status, result = run(["fit", campaign, "-o", out, "--method", "all", "--believe-zeros"], capsys)
     assert status == 0 and result["method"] == "coupled"
