@@ -141,8 +141,8 @@ def plan(
     """Returns d cells (i, q) and `spare` more (default a quarter of d), with what they achieve.
 
     `wider` is the factoring of the same chain without believed zeros (or `factoring` itself), `rotor` [n, kg m2, joint
-    side] the reflected motor inertias N^2 J_m where known. `effort` "quick" takes a fraction of a second, "full" some
-    seconds, for a better plan and a closer bound. `feasible` tells which postures [m, n] the arm may hold (a mask [m]);
+    side] the reflected motor inertias N^2 J_m where known. `effort` "quick" ends when a D-efficiency of 0.9 is
+    certified, after a second or two at most; "full" takes some seconds, "draft" a fraction of one, and its bound is loose. `feasible` tells which postures [m, n] the arm may hold (a mask [m]);
     the certificate is against plans of cells that it may hold, as far as the search finds them.
 
     Raises PlanError when no postures within the limits, or no feasible ones, determine all constants.
