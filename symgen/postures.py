@@ -142,8 +142,9 @@ def plan(
 
     `wider` is the factoring of the same chain without believed zeros (or `factoring` itself), `rotor` [n, kg m2, joint
     side] the reflected motor inertias N^2 J_m where known. `effort` "quick" ends when a D-efficiency of 0.9 is
-    certified, after a second or two at most; "full" takes some seconds, "draft" a fraction of one, and its bound is loose. `feasible` tells which postures [m, n] the arm may hold (a mask [m]);
-    the certificate is against plans of cells that it may hold, as far as the search finds them.
+    certified, or after a few turns; "full" takes some seconds, "draft" a fraction of one, and its bound is loose.
+    `feasible` tells which postures [m, n] the arm may hold (a mask [m]); the certificate is against plans of cells that it
+    may hold, as far as the search finds them.
 
     Raises PlanError when no postures within the limits, or no feasible ones, determine all constants.
     """
