@@ -15,6 +15,7 @@ from ident.effects.base import Effect, Parameter, scale
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import VARIABLES, learned, variable
 from ident.errors import IdentError
+from ident.forked import forked
 from ident.frf import Complex
 from ident.trace import Linearised
 
@@ -140,20 +141,22 @@ def _linear(lin: Linearised, effect: Effect, at: int, W: Complex) -> Complex:
     return total
 
 
-def catalogue(lin: Linearised, taken: Sequence[Effect]) -> list[Candidate]:
+def catalogue(lin: Linearised, taken: Sequence[Effect], workers: int = 1) -> list[Candidate]:
     """All effects of the catalogue that the fitted arm does not contain yet, at all joints, best first."""
     there = {(e.name, e.joint) for e in taken}
-    found = []
+    tasks: list[tuple[type[Effect], int | None]] = []
     for kind in CATALOGUE.values():
         if not kind.injectable or (kind.declared and kind.shares is Effect.shares):
             continue
         places: list[int | None] = list(range(lin.problem.n)) if "joint" in kind.scope else []
         places += [None] if "arm" in kind.scope and lin.problem.n > 1 else []
-        for joint in places:
-            if (kind.name, joint) not in there:
-                best = max(_scored(lin, kind, joint), key=lambda c: c.gain, default=None)
-                if best is not None:
-                    found.append(best)
+        tasks += [(kind, joint) for joint in places if (kind.name, joint) not in there]
+    lin.prepare()
+
+    def best(task: tuple[type[Effect], int | None]) -> Candidate | None:
+        return max(_scored(lin, *task), key=lambda c: c.gain, default=None)
+
+    found = [c for c in forked(best, tasks, workers) if c is not None]
     return sorted(found, key=lambda c: -c.gain)
 
 

@@ -6,7 +6,7 @@ the rest. Nothing here knows more than the campaign file: the declared robot, th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -33,6 +33,7 @@ from ident.deviations import Deviation, deviations
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import IdentError
+from ident.forked import forked
 from ident.frf import Complex, Frf, estimate
 from ident.smoothing import TURNS
 from ident.trace import PORTS, Linearised, linearise
@@ -181,6 +182,7 @@ class _Bench:
     basis: Array
     split: Split
     guess: Parameters
+    workers: int
 
     def problem(
         self, data: tuple[Evidence, ...], effects: Sequence[Effect], scales: Sequence[float], limits: Sequence[tuple[float, float]],
@@ -193,9 +195,12 @@ class _Bench:
         return replace(problem, free=free, turns=turns)
 
 
-def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:
+def diagnose(
+    campaign: Campaign, model: Model, *, workers: int = 1, progress: Callable[[str], None] = lambda line: None
+) -> Diagnosis:
     """Returns what explains the records of `campaign` beyond the declared arm `model`, errors before and after.
 
+    Candidates are tried by `workers` processes; the result does not depend on how many.
     Raises IdentError for a campaign without usable records.
     """
     if not campaign.records:
@@ -204,7 +209,7 @@ def diagnose(campaign: Campaign, model: Model, *, progress: Callable[[str], None
     basis = gravity_basis(model, campaign.gravity)
     data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
     guess = declared_start(campaign, model, responses, basis)
-    bench = _Bench(campaign, model, basis, split(data, model), guess)
+    bench = _Bench(campaign, model, basis, split(data, model), guess, workers)
     start, state, added = _loop(bench, progress)
     left = _left_over(bench, start, state, added)
     final = tuple(replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if _same(a.effect, e))
@@ -344,21 +349,18 @@ def lines_of(one: Evidence, use: NDArray[np.bool_]) -> Evidence:
 
 def _first(bench: _Bench) -> State:
     """The arm without effects: from what is declared, at once and by detours."""
-    states = [_fitted(bench, bench.guess.vector(), (), (), (), doubts) for doubts in ((), DOUBTS)]
+    states = [_fitted(bench, _Refit(bench.guess.vector(), (), (), ()), doubts) for doubts in ((), DOUBTS)]
     return min(states, key=lambda s: s.minimum.chi2)
 
 
-def _fitted(
-    bench: _Bench, vector: Array, effects: tuple[Effect, ...], scales: tuple[float, ...],
-    limits: tuple[tuple[float, float], ...], doubts: Sequence[float] = (), outer: int = 2,
-    roughly: float = FINELY,
-) -> State:  # fmt: skip
-    turns = FEW_TURNS if roughly == HASTILY else TURNS
-    problem = bench.problem(bench.split.fit, effects, scales, limits, turns)
-    minimum = minimise(problem, vector, doubts, outer, roughly)
-    chosen = bench.problem(bench.split.select, effects, scales, limits, turns)
+def _fitted(bench: _Bench, refit: _Refit, doubts: Sequence[float] = ()) -> State:
+    turns = FEW_TURNS if refit.roughly == HASTILY else TURNS
+    more = (refit.effects, refit.scales, refit.limits, turns)
+    problem = bench.problem(bench.split.fit, *more)
+    minimum = minimise(problem, refit.vector, doubts, refit.outer, refit.roughly)
+    chosen = bench.problem(bench.split.select, *more)
     select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
-    return State(problem.effects_at(minimum.vector), scales, limits, minimum, problem, select)
+    return State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, select)
 
 
 def degrees(data: Sequence[Evidence]) -> int:
@@ -388,23 +390,26 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
     shares = port_shares(lin)
     wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
-    likely = [c for k, c in enumerate(catalogue(lin, state.effects)[:most]) if c.gain > wanted or k < most // 2]
+    likely = [c for k, c in enumerate(catalogue(lin, state.effects, bench.workers)[:most]) if c.gain > wanted or k < most // 2]
     short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
     if not state.effects:  # a fit that is far off bends everything else: look from the declared arm, too
         vector = bench.guess.vector()
         declared = linearise(state.problem, vector, hold(state.problem, vector))
-        short += [(c, declared) for c in catalogue(declared, ())[:SURELY]]
+        short += [(c, declared) for c in catalogue(declared, (), bench.workers)[:SURELY]]
     tried: list[tuple[Candidate, State]] = []
-    for candidate, origin in short:
-        new = _with(bench, state, candidate, origin)
+    refits = [_with(bench, state, candidate, origin) for candidate, origin in short]
+    for (candidate, _), new in zip(short, _all_fitted(bench, refits), strict=True):
         tried.append((candidate, new))
         progress(f"  {_name(new.effects[-1])}: {_excess(bench, new):.4g}, promised {candidate.gain:.3g}")
     dof = degrees(bench.split.select)
     named = [pair for pair in tried if pair[0].effect.name != "unknown"]
     drawn = [pair for pair in tried if pair[0].effect.name == "unknown"]
-    for kind, count in ((named, FINALISTS), (drawn, 1)):
+    for kind in (named, drawn):
         kind.sort(key=lambda pair: pair[1].select)
-        kind[:count] = [(candidate, _polished(bench, new)) for candidate, new in kind[:count]]
+    finalists = named[:FINALISTS] + drawn[:1]
+    polished = _all_fitted(bench, [_Refit.of(new) for _, new in finalists])
+    better = [(candidate, new) for (candidate, _), new in zip(finalists, polished, strict=True)]
+    named[:FINALISTS], drawn[:1] = better[: len(named[:FINALISTS])], better[len(named[:FINALISTS]) :]
     tried = named + drawn
     best = _plainest(named, dof)
     curve = min(drawn, key=lambda pair: pair[1].select, default=None)
@@ -412,7 +417,7 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
         best = curve
     if best is None:
         return None
-    best = (best[0], _fitted(bench, best[1].minimum.vector, best[1].effects, best[1].scales, best[1].limits, (), FULLY))
+    best = (best[0], _fitted(bench, replace(_Refit.of(best[1]), outer=FULLY)))
     less = _without(bench, best[1], best[1].effects[-1])  # what is gained by a better fit is no gain of the effect
     state = less if less.select < state.select else state
     gain, excess = state.select - best[1].select, max(state.select - dof, 1.0)
@@ -458,19 +463,43 @@ def _much_better(bench: _Bench, by_curve: float, named: State) -> bool:
     return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and _excess(bench, named) > (CLOSE / 2.0) ** 2
 
 
-def _with(bench: _Bench, state: State, candidate: Candidate, lin: Linearised) -> State:
-    """The model refitted with a candidate."""
-    effects = (*state.effects, candidate.effect)
+@dataclass(frozen=True, eq=False)
+class _Refit:
+    """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it)."""
+
+    vector: Array
+    effects: tuple[Effect, ...]
+    scales: tuple[float, ...]
+    limits: tuple[tuple[float, float], ...]
+    outer: int = 2
+    roughly: float = FINELY
+
+    @staticmethod
+    def of(state: State) -> _Refit:
+        """The same model, fitted finely."""
+        return _Refit(state.minimum.vector, state.effects, state.scales, state.limits)
+
+
+def _all_fitted(bench: _Bench, refits: Sequence[_Refit]) -> Iterator[State]:
+    """The models of `refits`, made by all workers."""
+
+    def fitted(refit: _Refit) -> tuple[Minimum, float]:
+        state = _fitted(bench, refit)
+        return state.minimum, state.select
+
+    for refit, (minimum, select) in zip(refits, forked(fitted, refits, bench.workers), strict=True):
+        problem = bench.problem(bench.split.fit, refit.effects, refit.scales, refit.limits)
+        yield State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, select)
+
+
+def _with(bench: _Bench, state: State, candidate: Candidate, lin: Linearised) -> _Refit:
+    """The model with a candidate, to be refitted hastily."""
     unit = units(lin, type(candidate.effect), candidate.effect.joint)
     limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
-    vector = np.concatenate([lin.vector, candidate.effect.values])
-    scales, limits = state.scales + candidate.scales, state.limits + limits
-    return _fitted(bench, vector, effects, scales, limits, (), 1, HASTILY)
-
-
-def _polished(bench: _Bench, state: State) -> State:
-    """The same model, fitted to the end."""
-    return _fitted(bench, state.minimum.vector, state.effects, state.scales, state.limits)
+    return _Refit(
+        np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect),
+        state.scales + candidate.scales, state.limits + limits, 1, HASTILY,
+    )  # fmt: skip
 
 
 def _pruned(bench: _Bench, state: State, entry: Added, progress: Callable[[str], None]) -> tuple[State, Added]:
@@ -492,10 +521,10 @@ def _without(bench: _Bench, state: State, old: Effect) -> State:
     use = np.concatenate([slots[k] for k in keep]) if keep else np.zeros(0, dtype=int)
     base = state.problem.base
     vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][use]])
-    return _fitted(
-        bench, vector, tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use),
-        tuple(state.limits[k] for k in use),
+    effects, scales, limits = (
+        tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use), tuple(state.limits[k] for k in use)
     )  # fmt: skip
+    return _fitted(bench, _Refit(vector, effects, scales, limits))
 
 
 def _std(state: State, effect: Effect) -> tuple[float, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     from ident.campaign import Campaign
     from ident.diagnose import Diagnosis
     from symgen.plan import Model
+
+#: Processes that try candidates, at most: each needs a few hundred MB.
+WORKERS = min(os.cpu_count() or 1, 8)
 
 #: Returns the parser of a new command: its name and what it does.
 _NewCommand = Callable[[str, str], argparse.ArgumentParser]
@@ -80,9 +84,9 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     notes: tuple[str, ...] = ()
     if options.baseline is not None:
         earlier = read_campaign(options.baseline)
-        campaign, notes = declared_by(diagnose(earlier, _model(earlier, options)[0], progress=say), campaign)
+        campaign, notes = declared_by(diagnose(earlier, _model(earlier, options)[0], workers=WORKERS, progress=say), campaign)
     model, more = _model(campaign, options)
-    found = diagnose(campaign, model, progress=say)
+    found = diagnose(campaign, model, workers=WORKERS, progress=say)
     out = Path(options.out)
     document = verdict_document(found, options.campaign, (*notes, *more))
     page = html(found, document)

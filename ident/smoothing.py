@@ -27,6 +27,8 @@ SAME = 1e-4
 #: Steps towards a force that follows from a position; towards one that stops what moves it, the change that ends them, and
 #: the resistance [of the median one of the port] that damps them.
 STEPS, TURNS, SETTLED, DAMPED = 20, 60, 1e-4, 0.5
+#: Growth of the change from one step to the next, from the least, that ends them too.
+DIVERGED = 100.0
 #: chi^2 per degree of freedom below which no other force is looked for.
 EXPLAINED = 1.3
 #: Steps to the velocity at which a law has a force, each along a tangent as wide as this share of the velocities.
@@ -42,6 +44,13 @@ def smoothed(
 
     `sampling` and `noise` are those of the record. Dry friction takes up to `turns`: few are enough to compare by.
     """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a law that is far too strong
+        return _smoothed(scene, p, effects, start, sampling, noise, turns)
+
+
+def _smoothed(
+    scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, noise: Noise, turns: int
+) -> Moved:
     linear = linear_extra(scene, p, effects)
     powers = noise_powers(scene.arm, p, sampling, noise, scene.theta, linear)
     whole = _Whole.of(scene, p, effects, start, sampling, powers)
@@ -52,7 +61,7 @@ def smoothed(
     springy: set[Key] = set()
     for _ in range(SWEEPS):
         before = on
-        for key in on:
+        for key, now in before.items():
             motion = whole.moving(on)
             dry = [e for e in effects if e.dry and (e.port, e.joint) == (key[0], scene.arm.live[key[1]])]
             smooth = [e for e in effects if _smooth(e) and (e.port, e.joint) == (key[0], scene.arm.live[key[1]])]
@@ -64,7 +73,7 @@ def smoothed(
             elif dry:
                 rest = signals(whole.scene, smooth, motion).get(key)
                 other = other if rest is None else other.plus(_Force.of(whole.scene, rest))
-                force, loose[key] = _sliding(whole, key, dry, motion, on | {key: other}, on[key], turns)
+                force, loose[key] = _sliding(whole, key, dry, motion, on | {key: other}, now, turns)
                 other = other.plus(force)
             on = on | {key: other}
         misfit = whole.misfit(on)
@@ -182,6 +191,7 @@ def _yielding(
     v = getattr(state, velocity)
     F = force(x, v)
     load = float(scene.N[joint] * scene.means[0, joint]) - besides.mean
+    best, least, size = F, np.inf, np.std(F)
     for _ in range(STEPS):
         swing = x - x.mean()
         line = float(swing @ F) / max(float(swing @ swing), 1e-300)
@@ -190,8 +200,13 @@ def _yielding(
         if port == "spring":  # it carries what its motor does, on the mean
             mean += (load - K * mean - float(F.mean())) / max(K + line, 0.1 * K)
         x, v = scene.in_time(np.stack([lines, scene.s * lines], axis=1)).T + np.array([[mean], [0.0]])
-        F = force(x, v)
-    return _Force.of(scene, F)
+        before, F = F, force(x, v)
+        change = float(np.std(F - before))
+        if change < least:
+            best, least = F, change
+        if not DIVERGED * least > change > SETTLED * size:
+            break
+    return _Force.of(scene, best)
 
 
 def _met(friction: Callable[[Array], Array], g: float, w: Array, v: Array) -> tuple[Array, Array]:

@@ -113,6 +113,10 @@ class Linearised:
             })  # fmt: skip
         return tuple(found)
 
+    def prepare(self) -> None:
+        """Computes what all candidates need, once, before they are shared out."""
+        _ = self.information, self.slope, self.motions, self.positions, self.ports
+
     def step(self, columns: Sequence[Sequence[Complex | None]]) -> tuple[Array, float]:
         """Returns how large each new column wants to be, all free parameters refitted, and by how much chi^2 falls.
 

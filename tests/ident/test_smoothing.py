@@ -1,0 +1,98 @@
+"""Motion and force found together: against the simulated arm, which knows both, and an integration in time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from ident.acting import Scene
+from ident.arm_fit import evidence, gravity_basis, hold, residual
+from ident.arm_model import Posture
+from ident.bench import design, head, run
+from ident.coupled import declared_start, problem_of
+from ident.effects.base import Effect
+from ident.effects.friction import LinkCoulomb, MotorCoulomb
+from ident.effects.spring import SpringHardening
+from ident.frf import estimate
+from ident.smoothing import TURNS, _in_turns
+from symgen.plan import chain_of_robot, make_model
+from symgen.robot import load_robot
+
+YPP3 = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+ROBOT = replace(YPP3, experiment=replace(YPP3.experiment, f0=0.5, periods=5))
+CHAIN = chain_of_robot(ROBOT)
+MODEL = make_model(CHAIN, believe_zeros=True)
+
+
+def levels(effect: Effect, joint: str, posture: tuple[float, ...]) -> tuple[float, float]:
+    """chi^2 per degree of freedom of the true arm in one record: with the law of the measured motion, and of the smoothed one."""
+    (job,) = design(CHAIN, ROBOT, [(joint, posture)], seed=4, effects=[effect])
+    campaign = head(CHAIN, ROBOT, (run(job),))
+    basis = gravity_basis(MODEL, campaign.gravity)
+    frf = estimate(campaign.records[0], campaign)
+    data = (evidence(campaign, MODEL, basis, frf, 0, "every"),)
+    start = declared_start(campaign, MODEL, (frf,), basis)
+    scales, limits = tuple(map(abs, effect.values)), ((-np.inf, np.inf),) * len(effect.values)
+    problem = problem_of(campaign, MODEL, basis, data, start, (effect,), scales, limits)
+    vector = np.concatenate([start.vector(), effect.values])
+    found = []
+    for turns in (0, TURNS):
+        tried = replace(problem, turns=turns)
+        (kept,) = hold(tried, vector)
+        r = residual(tried, vector, data[0], kept.moved)[0]
+        found.append(float(np.sum(np.abs(kept.W @ r[..., None]) ** 2)) / r.size)
+    return found[0], found[1]
+
+
+@pytest.mark.parametrize(
+    ("effect", "joint", "measured", "smoothed"),
+    [
+        pytest.param(MotorCoulomb(0, (4e-3,)), "joint2", 1.2, 2.0, id="a motor that sticks"),
+        pytest.param(LinkCoulomb(1, (0.4,)), "joint1", 100.0, 1.3, id="a link that sticks"),
+        pytest.param(LinkCoulomb(1, (0.4,)), "joint2", 1.5, 1.3, id="a link that slides"),
+        pytest.param(SpringHardening(1, (3e7,)), "joint2", 100.0, 1.3, id="a spring under load"),
+    ],
+)
+def test_true_parameters_explain_a_record_with_the_motion_they_make(
+    effect: Effect, joint: str, measured: float, smoothed: float
+) -> None:
+    by_measured, by_smoothed = levels(effect, joint, (0.0, 0.4, 0.8))
+    assert by_smoothed < smoothed
+    assert by_measured > measured
+
+
+def test_friction_in_turns_is_that_of_an_integrated_mass() -> None:
+    """m v' = u - c v - level tanh(v / creep) under two harmonics, for many periods."""
+    m, c, level, creep = 0.02, 0.05, 1.0, 0.02
+    lines = np.arange(1, 200)
+    scene = Scene(
+        arm=Posture(np.array([0]), np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 1, 0))), n=1, lines=lines, f0=1.0,
+        fs=1000.0, hold="continuous", tau=np.zeros((199, 1), dtype=complex), theta=np.zeros((199, 1), dtype=complex),
+        noise=np.zeros((2, 1)), means=np.zeros((2, 1)), posture=np.zeros(1), N=np.ones(1),
+        beyond=(lines[:0], np.zeros((0, 1), dtype=complex), np.zeros((0, 1), dtype=complex)), oversampled=20,
+    )  # fmt: skip
+    u = np.zeros(199, dtype=complex)
+    u[[0, 4]] = 1.0, 0.8j  # odd: no mean velocity
+
+    def push(t: float) -> float:
+        return float(np.cos(2 * np.pi * t) - 0.8 * np.sin(10 * np.pi * t))
+
+    def friction(v: np.ndarray) -> np.ndarray:
+        return np.asarray(level * np.tanh(v / creep))
+
+    Y = 1.0 / (m * scene.s + c)
+    found, slope = _in_turns(scene, friction, 0.5 * float(np.median(1 / np.abs(Y))), Y * u, Y, np.zeros(scene.samples), 400)
+    t = np.arange(scene.samples) / scene.samples
+    true = solve_ivp(
+        lambda at, v: (push(at) - c * v - friction(v)) / m, (0.0, 11.0), [0.0], t_eval=10.0 + t, method="LSODA",
+        rtol=1e-9, atol=1e-12, max_step=1e-3,
+    )  # fmt: skip
+    v = scene.in_time((Y * (u + found.lines))[:, None])[:, 0]
+    assert np.max(np.abs(v - true.y[0])) < 5e-3 * np.abs(true.y[0]).max()
+    stuck = np.abs(true.y[0]) < creep / 10
+    assert 0.05 < stuck.mean() < 0.9
+    assert slope[stuck].min() > 0.9 * level / creep > 10 * slope[np.abs(true.y[0]) > 5 * creep].max()
