@@ -164,11 +164,9 @@ def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | 
         return linear
     now = signals(scene, effects, how.motion)
     on = _forces(scene, now, how)
-    for (port, k), x in how.springy.items():
-        swing = x - x.mean()
-        line = float(swing @ now[port, k]) / max(float(swing @ swing), 1e-300)
+    for (port, k), (x, line) in _lines(now, how).items():
         on[port][:, k] -= line * scene.at_lines(x)
-        linear = _stiffened(linear, port, k, line, scene)
+    linear = _stiffened(scene, linear, _lines(now, how))
     if how.second is not None:
         on["link"] += how.second[np.isin(scene.wide.lines, scene.lines)]
     return replace(
@@ -176,17 +174,39 @@ def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | 
     )
 
 
-def _stiffened(linear: Extra, port: str, k: int, line: float, scene: Scene) -> Extra:
-    """`linear` with a force of `line` per position at a port, joint side; of a motor's position motor side."""
+def linear_part(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | None) -> Extra:
+    """Impedances and gains of `effects`, and of the best lines through the laws of positions in a record."""
+    linear = linear_extra(scene, p, effects)
+    if how is None or not how.springy:
+        return linear
+    return _stiffened(scene, linear, _lines(signals(scene, effects, how.motion), how))
+
+
+def _lines(now: Mapping[tuple[str, int], Array], how: Moved) -> dict[tuple[str, int], tuple[Array, float]]:
+    """{(port, live joint): (its position [S], the slope of the best line of force by position)}, joint side."""
+    found = {}
+    for key, x in how.springy.items():
+        swing = x - x.mean()
+        found[key] = (x, float(swing @ now[key]) / max(float(swing @ swing), 1e-300))
+    return found
+
+
+def _stiffened(scene: Scene, linear: Extra, lines: Mapping[tuple[str, int], tuple[Array, float]]) -> Extra:
+    """`linear` with the slopes of `lines`; a motor's position is told motor side."""
     m = len(scene.arm.live)
-    row, column = np.zeros(2 * m), np.zeros(2 * m)
-    if port == "spring":
-        row[[k, m + k]] = column[[k, m + k]] = (1.0, -1.0)
-    else:
-        at = k if port == "motor" else m + k
-        row[at], column[at] = -1.0, scene.arm.N[k] if port == "motor" else 1.0
-    Z = line * np.outer(row, column) * np.ones((len(scene.lines), 1, 1))
-    return replace(linear, impedance=Z + 0j if linear.impedance is None else linear.impedance + Z)
+    Z = np.zeros((2 * m, 2 * m))
+    for (port, k), (_, line) in lines.items():
+        row, column = np.zeros(2 * m), np.zeros(2 * m)
+        if port == "spring":
+            row[[k, m + k]] = column[[k, m + k]] = (1.0, -1.0)
+        else:
+            at = k if port == "motor" else m + k
+            row[at], column[at] = -1.0, scene.arm.N[k] if port == "motor" else 1.0
+        Z += line * np.outer(row, column)
+    if not Z.any():
+        return linear
+    everywhere = np.asarray(np.broadcast_to(Z, (len(scene.lines), 2 * m, 2 * m)), dtype=complex)
+    return replace(linear, impedance=everywhere if linear.impedance is None else linear.impedance + Z)
 
 
 def has_forces(effect: Effect) -> bool:

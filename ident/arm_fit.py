@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import Moved, Scene, acting, forces, has_forces, linear_extra, moved, only_forces
+from ident.acting import Moved, Scene, acting, forces, has_forces, linear_extra, linear_part, moved, only_forces
 from ident.arm_model import Parameters, Posture, Sampling, motion_and_derivatives, transfer
 from ident.campaign import Array, Campaign
 from ident.effects.base import Effect
@@ -270,13 +270,13 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
     for one in problem.data:
         p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
-        linear = linear_extra(scene, p, effects)
-        powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
-        W = whitening(powers, scene.theta, doubt)
-        W = W if one.judged is None else W * one.judged[:, None, None]
         how = moved(scene, p, effects)
         if how is not None and problem.turns and any(map(has_forces, effects)):
             how = smoothed(scene, p, effects, how, one.sampling, one.noise, problem.turns)
+        linear = linear_part(scene, p, effects, how)
+        powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
+        W = whitening(powers, scene.theta, doubt)
+        W = W if one.judged is None else W * one.judged[:, None, None]
         found.append(Held(W, how))
     return found
 

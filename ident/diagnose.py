@@ -390,7 +390,9 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
     shares = port_shares(lin)
     wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
-    likely = [c for k, c in enumerate(catalogue(lin, state.effects, bench.workers)[:most]) if c.gain > wanted or k < most // 2]
+    likely = [
+        c for k, c in enumerate(catalogue(lin, state.effects, bench.workers)[:most]) if c.gain > wanted or k < most // 2
+    ]
     short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
     if not state.effects:  # a fit that is far off bends everything else: look from the declared arm, too
         vector = bench.guess.vector()

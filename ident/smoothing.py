@@ -38,7 +38,13 @@ Key = tuple[str, int]
 
 
 def smoothed(
-    scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, noise: Noise, turns: int = TURNS
+    scene: Scene,
+    p: Parameters,
+    effects: Sequence[Effect],
+    start: Moved,
+    sampling: Sampling,
+    noise: Noise,
+    turns: int = TURNS,
 ) -> Moved:
     """Returns the motion of a record in which the forces of `effects` are those of this very motion; `start` one near to it.
 
@@ -81,7 +87,10 @@ def _smoothed(
             best, least = on, misfit
         if len(on) == 1 and loose:
             break
-        if all(np.allclose(on[key].lines, before[key].lines, rtol=0.0, atol=SAME * abs(before[key].lines).max()) for key in on):
+        if all(
+            np.allclose(on[key].lines, before[key].lines, rtol=0.0, atol=SAME * abs(before[key].lines).max())
+            for key in on
+        ):
             break
     inside = np.isin(whole.scene.lines, scene.lines)
     motion = whole.moving(best)
@@ -177,7 +186,11 @@ def _yielding(
     scene, (port, k) = whole.scene, key
     joint = int(scene.arm.live[k])
     N = float(scene.arm.N[k]) if port == "motor" else 1.0
-    position, velocity = {"motor": ("theta", "omega"), "spring": ("deflection", "deflection_rate"), "link": ("q", "q_rate")}[port]
+    position, velocity = {
+        "motor": ("theta", "omega"),
+        "spring": ("deflection", "deflection_rate"),
+        "link": ("q", "q_rate"),
+    }[port]
     state = motion.state(joint)
     v0, Y = whole.rate(key, on | {key: besides})
     x0, Y = v0 / scene.s, Y / scene.s
