@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +19,10 @@ from scipy.stats import gamma
 
 from ident.campaign import Array, Campaign, Record
 from ident.errors import CampaignError
+from ident.leakage import BINS, ORDER, ROUNDING, Complex, between_lines, most_telling, moving_average
 
-Complex = NDArray[np.complex128]
+__all__ = ["BINS", "ORDER", "ROUNDING", "Complex", "Detection", "Frf", "Spectra", "estimate", "moving_average"]
 
-#: Bins between the lines from which leakage and noise of one line are read, and the coefficients of its polynomial. A
-#: straight line would cost a tenth of the variance and not a quarter, but takes settling records for unsettled.
-BINS, ORDER = 10, 3
 #: A line is usable for a quotient when its torque is this many times its noise: the variance is then right to 10 %.
 USABLE = 10.0
 #: Degrees of freedom wanted for a variance: an estimate then scatters by sqrt(2/60) = 18 %.
@@ -40,8 +37,6 @@ POSTURE_TOLERANCE = 0.02
 DRIFT_TOLERANCE = 5e-3
 #: Share of the sampling rate up to which motion is read.
 HIGHEST = 0.45
-#: Spectra carry rounding errors of about 1e-16 of the largest line; nothing is trusted beyond this.
-ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -183,9 +178,9 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     lines, band = np.asarray(record.lines), np.arange(record.lines[0], record.lines[-1] + 1)
     step = _encoder_step(record.theta)
     first, settled = _settle(record, band, step**2 / (3.0 * S))
+    first, mean, noise = most_telling(record, band, first)
     M = P - first
     kept = np.concatenate([record.tau[first * S :], record.theta[first * S :]], axis=1)
-    mean, noise = _between_lines(kept, M, band)
     excited = np.isin(band, lines)
     tau, theta = _fixed(mean[excited, :n]), _fixed(mean[excited, n:])
     silent = lines[np.abs(tau[:, joint]) <= ROUNDING * np.abs(tau[:, joint]).max()]
@@ -223,7 +218,7 @@ def _beyond(kept: Array, M: int, band: NDArray[np.int64]) -> tuple[NDArray[np.in
     the sampling rate."""
     S, n = len(kept) // M, kept.shape[1] // 2
     below, above = np.arange(1, band[0]), np.arange(band[-1] + 1, max(int(band[-1]), int(HIGHEST * S)) + 1)
-    low = _between_lines(kept, M, below)[0] if below.size else np.zeros((0, 2 * n), dtype=complex)
+    low = between_lines(kept, M, below)[0] if below.size else np.zeros((0, 2 * n), dtype=complex)
     period = kept.reshape(M, S, 2 * n).mean(axis=0)
     high = np.fft.rfft(period - period.mean(axis=0), axis=0)[above] * (2.0 / S)
     spectrum = np.concatenate([low, high])
@@ -292,7 +287,7 @@ def _settle(record: Record, band: NDArray[np.int64], floor: Array) -> tuple[int,
     limit = np.log(f_distribution.isf(FALSE_ALARM / (P * (groups + 1) * record.theta.shape[1]), dof, dof))
     later: list[Array] = []
     for start in range(P - 2, -1, -1):
-        mean, noise = _between_lines(record.theta[start * S : (start + 2) * S], 2, band)
+        mean, noise, _ = between_lines(record.theta[start * S : (start + 2) * S], 2, band)
         power = np.mean(np.abs(noise) ** 2, axis=0) + floor + (ROUNDING * np.abs(mean).max(axis=0)) ** 2
         power = np.maximum(power, np.finfo(float).tiny)  # a rigid joint
         if later:
@@ -301,33 +296,6 @@ def _settle(record: Record, band: NDArray[np.int64], floor: Array) -> tuple[int,
                 return start + 1, start < P - 3
         later.append(power)
     return 0, P > 2
-
-
-def _between_lines(kept: Array, M: int, band: NDArray[np.int64]) -> tuple[Complex, Complex]:
-    """Returns the spectrum of `kept` [M S, c] at lines `band` [F], leakage taken off [F, c], and its errors [R, F, c].
-
-    Over M periods, line k is bin k M; the bins between lines hold noise and the leakage of whatever differs between the
-    two ends of the record. A parabola through the nearest BINS of them (line bins left out, excited or not) is the
-    leakage at the line; what it leaves, rotated to R = BINS - ORDER independent samples and scaled by the
-    interpolation's own variance, is the error.
-    """
-    spectrum = np.fft.rfft(kept - kept[0], axis=0) * (2.0 / len(kept))
-    between = np.arange(1, len(spectrum))
-    between = between[between % M != 0]
-    first = np.clip(np.searchsorted(between, band * M) - BINS // 2, 0, len(between) - BINS)
-    bins = between[first[:, None] + np.arange(BINS)]
-    offsets = bins - (band * M)[:, None]
-    mean = spectrum[band * M]
-    errors = np.empty((BINS - ORDER, *mean.shape), dtype=complex)
-    for begin in np.unique(offsets[:, 0]):  # one design for most lines, others at the ends of the spectrum
-        at = np.flatnonzero(offsets[:, 0] == begin)
-        pattern = offsets[at[0]]
-        Q, R = np.linalg.qr((pattern[:, None] / np.abs(pattern).max()) ** np.arange(ORDER), mode="complete")
-        at_line = Q[:, :ORDER] @ np.linalg.inv(R[:ORDER]).T[:, 0]
-        window = spectrum[bins[at]]
-        mean[at] -= np.einsum("b,fbc->fc", at_line, window)
-        errors[:, at] = np.einsum("br,fbc->rfc", Q[:, ORDER:], window) * np.sqrt(1.0 + at_line @ at_line)
-    return mean, errors
 
 
 def _averaging(L: int, bins_per_line: int) -> tuple[int, float]:
@@ -340,21 +308,15 @@ def _averaging(L: int, bins_per_line: int) -> tuple[int, float]:
 def _quantisation(step: Array, angles: Array, odd: bool) -> Array:
     """Returns the quantisation variance [n, rad^2] of a line of the mean of `angles` [M, S, n]: step^2/12 over the DFT.
 
-    E|X|^2 = 4/S * step^2/12 in peak amplitudes. Averaging over periods helps only when noise moves the angle across
-    encoder steps from one period to the next; otherwise the error repeats in every period, and with an `odd` excitation
-    (half-wave symmetric, all lines odd) it may gather on the odd lines: twice the power.
+    E|X|^2 = 4/S * step^2/12 in peak amplitudes. Noise of standard deviation sigma makes the error another one in every period
+    but for a share exp(-(2 pi sigma / step)^2) of its power (B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008); that
+    share repeats, and with an `odd` excitation (half-wave symmetric, all lines odd) it may gather on the odd lines: twice
+    the power.
     """
     M, S, _ = angles.shape
-    moved = np.sqrt(np.mean(np.var(angles, axis=0, ddof=1), axis=0))
-    return np.where(moved > step, 1.0 / M, 2.0 if odd else 1.0) * step**2 / (3.0 * S)
-
-
-def moving_average(values: NDArray[Any], width: int) -> NDArray[Any]:
-    """Returns the mean of `values` [L, ..] over `width` neighbouring lines, at the ends over the nearest `width`."""
-    L = len(values)
-    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
-    start = np.clip(np.arange(L) - width // 2, 0, L - width)
-    return (total[start + width] - total[start]) / width
+    sigma2 = np.maximum(np.mean(np.var(angles, axis=0, ddof=1), axis=0) - step**2 / 12.0, 0.0)
+    same = np.exp(-((2.0 * np.pi) ** 2) * sigma2 / np.where(step > 0.0, step, 1.0) ** 2)
+    return (same * (2.0 if odd else 1.0) + (1.0 - same) / M) * step**2 / (3.0 * S)
 
 
 def _variance(tau: Complex, theta: Complex, noise: Complex, width: int, floor: float) -> Array:

@@ -27,7 +27,7 @@ ROBOTS = Path(__file__).parents[2] / "robots"
 GRAVITY = np.array([0.0, 0.0, -9.81])
 LINES = np.arange(3, 240, 2)
 POSTURES = ([0.3, 0.6], [-0.4, -1.1])
-RUNS, PERIODS, F0, RMS, NOISE = 250, 5, 0.5, 0.1, 0.005
+RUNS, PERIODS, F0, RMS, NOISE = 400, 5, 0.5, 0.1, 0.005
 GAINS = np.array([[0.4, 4e-3], [0.2, 2e-3]])
 #: Coverage of 95 % intervals, and variance over the Cramer-Rao bound.
 COVERAGE, EXCESS = (0.93, 0.97), 1.15

@@ -58,10 +58,13 @@ def test_claimed_variance_is_the_real_one_in_closed_loop(gains, periods, lines):
 
 
 def test_claimed_variance_is_the_real_one_in_open_loop():
-    arm = Arm.joint(4e-5, 4500, 0.6929, 3e-4, 1.1, 8)  # hangs: stable by itself
-    frf = estimate(record(arm, 0, periods=8), campaign(arm))
+    """Mean of six draws: slow noise leaks, and what of it is not worth being taken off is charged on average."""
+    arm, errors = Arm.joint(4e-5, 4500, 0.6929, 3e-4, 1.1, 8), []  # hangs: stable by itself
+    for seed in range(6):
+        frf = estimate(record(arm, 0, periods=8, rng=np.random.default_rng(seed)), campaign(arm))
+        errors.append(relative_error(frf, arm))
     low, high = bounds(frf)
-    assert low < relative_error(frf, arm) < high
+    assert low < np.mean(errors) < high
 
 
 def test_claimed_variance_is_the_real_one_beside_a_sharp_resonance_too():
