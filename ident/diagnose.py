@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from ident.arm_fit import (
     Evidence,
@@ -279,37 +280,37 @@ def _same(a: Effect, b: Effect) -> bool:
 def split(data: tuple[Evidence, ...], model: Model) -> Split:
     """Three kinds of record: of each joint's records in turn one reports, one chooses, the others fit, as far as they reach.
 
-    Every direction of J(q) that all records show must be shown by those that fit. With fewer records than three, lines
-    take the place of records: blocks of neighbouring ones by turns.
+    Everything about J(q) and gravity that all records show must be shown by those that fit, and every joint excited by one
+    that chooses. Where there are too few records for that, lines take their place: blocks of neighbouring ones by turns.
     """
-    if len(data) < 3:
-        return _split_lines(data)
     kinds = {k: "fit" for k in range(len(data))}
     turn = 0
     for joint in sorted({one.excited for one in data}):
         own = [k for k, one in enumerate(data) if one.excited == joint]
         for place in range(len(own) - 1, 0, -1):
-            if (len(own) - 1 - place) % 4 < 2 and len(own) > 1:
+            if (len(own) - 1 - place) % 4 < 2:
                 kinds[own[place]] = ("report", "select")[turn % 2]
                 turn += 1
     kinds = _enough(data, model, kinds)
-    by_kind = {
-        kind: tuple(one for k, one in enumerate(data) if kinds[k] == kind) for kind in ("fit", "select", "report")
-    }
-    if not by_kind["select"] or not by_kind["report"]:
-        return _split_lines(data)
-    return Split(by_kind["fit"], by_kind["select"], by_kind["report"], "")
+    fit, select, report = (
+        tuple(one for k, one in enumerate(data) if kinds[k] == kind) for kind in ("fit", "select", "report")
+    )
+    if report and {one.excited for one in select} == {one.excited for one in data}:
+        return Split(fit, select, report, "")
+    return _split_lines(data)
 
 
 def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> dict[int, str]:
-    """Moves records to those that fit, the one least told by them first, until these tell what J(q) is at all the others.
+    """Moves records to those that fit, the one least told by them first, until these tell what the arm is at all the others.
 
-    What they tell: the variance of J_ij(q) / sqrt(J_ii J_jj) there, each entry measured once by each record, unit error.
+    What they tell: the variance of J_ij(q) / sqrt(J_ii J_jj) there and of the gravity stiffness, each entry measured once
+    by each record, unit error.
     """
     rows = []
     for one in data:
         size = np.sqrt(np.diag(model.J_cad(one.scene.posture)))
-        rows.append((model.J_rows(one.scene.posture) / np.outer(size, size)[..., None]).reshape(-1, len(model.names)))
+        J = (model.J_rows(one.scene.posture) / np.outer(size, size)[..., None]).reshape(-1, len(model.names))
+        rows.append(block_diag(J, one.scene.arm.K_rows.reshape(-1, one.scene.arm.K_rows.shape[2])))
     scale = np.linalg.norm(np.concatenate(rows), axis=0)
     rows = [row / np.where(scale > 0.0, scale, 1.0) for row in rows]
     while True:
@@ -331,15 +332,13 @@ def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> 
 
 
 def _split_lines(data: tuple[Evidence, ...]) -> Split:
-    """The last of several records chooses and reports, blocks of lines by turns; one record alone does all three."""
-    whole, last = data[:-1], data[-1]
-    block = np.cumsum(last.is_excited) // BLOCK
-    if whole:
-        note = "too few records: choosing and reporting lines are blocks of the last record by turns"
-        return Split(whole, (lines_of(last, block % 2 == 0),), (lines_of(last, block % 2 == 1),), note)
-    note = "one record: fitting, choosing and reporting lines are blocks of it by turns"
-    parts = [(lines_of(last, block % 3 == k),) for k in range(3)]
-    return Split(parts[0], parts[1], parts[2], note)
+    """Of every record two blocks of lines in four fit, one chooses, one reports."""
+    note = "too few records: fitting, choosing and reporting lines are blocks of each record by turns"
+    fit, select, report = (
+        tuple(lines_of(one, np.isin(np.cumsum(one.is_excited) // BLOCK % 4, turns)) for one in data)
+        for turns in ((0, 2), (1,), (3,))
+    )
+    return Split(fit, select, report, note)
 
 
 def lines_of(one: Evidence, use: NDArray[np.bool_]) -> Evidence:
