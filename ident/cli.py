@@ -54,6 +54,10 @@ def _parser() -> argparse.ArgumentParser:
             "--lock", choices=("dob", "rigid"), default="dob",
             help="hold the other joints by PD and disturbance observer on their motors (dob), or weld them (rigid)",
         )  # fmt: skip
+        sub.add_argument(
+            "--target", type=_share, metavar="SHARE", help="the least robot time that tells J(q) to this standard deviation, relative "
+            "to sqrt(J_ii J_jj), as 1%% or 0.01: spacing of the lines, and periods of each record",
+        )  # fmt: skip
     simulate.add_argument("--spacing", type=float, metavar="HZ", help="of the lines, in place of robot.toml's")
     simulate.add_argument("--periods", type=int, metavar="N", help="recorded, the settling ones included, likewise")
     simulate.add_argument(
@@ -98,6 +102,17 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _share(text: str) -> float:
+    """1% or 0.01, as a number."""
+    value = float(text[:-1]) / 100 if text.endswith("%") else float(text)
+    if not 0.0 < value < 1.0:
+        raise ValueError(text)
+    return value
+
+
+_share.__name__ = "share"  # as argparse calls it in "invalid share value"
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit status.
 
@@ -132,6 +147,9 @@ def _check(options: argparse.Namespace) -> None:
             raise IdentError(f"{'-o' if name == 'out' else name} {value!r}: expected text without null characters")
     if getattr(options, "seed", 0) < 0:
         raise IdentError(f"--seed {options.seed}: expected 0 or more")
+    for name in ("spacing", "periods"):
+        if getattr(options, "target", None) and getattr(options, name, None):
+            raise IdentError(f"--target does not go with --{name}, which it chooses")
     if "method" in options:
         from ident.identify import METHODS
 
@@ -210,8 +228,18 @@ def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str,
         model, planned = plan.model, plan.cells
     chain, cells = model.chain, [(cell.joint, cell.q) for cell in planned]
     effects = _effects(options, [robot.drive(name) for name in chain.names])
+    wanted = None
+    if options.target:
+        from ident.precision import for_target
+
+        wanted = for_target(model, robot, cells, options.target, lock=options.lock, seed=options.seed)
+        robot = wanted.robot
     jobs = design(chain, robot, cells, lock=options.lock, seed=options.seed, effects=effects)
-    notes = summary(chain, [job.setup for job in jobs])
+    if wanted:
+        jobs = tuple(
+            replace(job, setup=replace(job.setup, periods=k)) for job, k in zip(jobs, wanted.periods, strict=True)
+        )
+    notes = (*summary(chain, [job.setup for job in jobs]), *([f"For --target {wanted.text}"] if wanted else ()))
     empty = head(chain, robot, (), lock=options.lock)
     _directory(str(path.parent))
     with _bar(options) as progress:
@@ -219,7 +247,10 @@ def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str,
             jobs, empty, path, progress=progress, say=lambda line: print(f"ident: {line}", file=sys.stderr, flush=True)
         )
     records = [job.id for job in jobs]
-    return robot.believe_zeros, {"campaign": str(path), "records": records, "source": empty.source, "notes": notes}
+    told: dict[str, Any] = {"campaign": str(path), "records": records, "source": empty.source, "notes": notes}
+    if wanted:
+        told["precision"] = {"target": options.target, "predicted": wanted.sigma, "robot_time_s": wanted.seconds}
+    return robot.believe_zeros, told
 
 
 def _shortened(robot: Robot, options: argparse.Namespace) -> Robot:
@@ -255,8 +286,8 @@ def _run(options: argparse.Namespace) -> int:
     from ident.store import read_campaign
 
     out = Path(options.out)
-    believe_zeros, _ = _simulated(options, out / "campaign.h5")
-    return _identified(read_campaign(out / "campaign.h5"), believe_zeros, out, options)
+    believe_zeros, told = _simulated(options, out / "campaign.h5")
+    return _identified(read_campaign(out / "campaign.h5"), believe_zeros, out, options, told.get("precision"))
 
 
 def _fit(options: argparse.Namespace) -> int:
@@ -292,7 +323,10 @@ def _directory(path: str) -> Path:
     return directory
 
 
-def _identified(campaign: Campaign, believe_zeros: bool | None, out: Path, options: argparse.Namespace) -> int:
+def _identified(
+    campaign: Campaign, believe_zeros: bool | None, out: Path, options: argparse.Namespace,
+    wanted: dict[str, float] | None = None,
+) -> int:  # fmt: skip
     from ident import report
     from ident.export import write_identified
     from ident.identify import METHODS, identify
@@ -313,6 +347,9 @@ def _identified(campaign: Campaign, believe_zeros: bool | None, out: Path, optio
     document = report.result_document(result)
     if every:
         document["methods"] = comparison([result, *others])
+    if wanted:
+        entries = [value for row in document["certainty"]["per_entry"] for value in row]
+        document["precision"] = {**wanted, "achieved": None if None in entries else max(entries)}
     if options.json:
         print(json.dumps(document, ensure_ascii=False))
     else:
@@ -355,6 +392,12 @@ def _print(result: Identification, document: dict[str, Any], out: Path, brief: b
         print(f"! {len(result.notes) - len(notes)} more notes in the report")
     largest = 100 * document["inertia_vs_cad"]["largest"]
     print(f"J(q) at 1000 postures never measured: within {largest:.3g} % of CAD's, relative to the largest entry.")
+    if "precision" in document:
+        said = {key: "-" if value is None else f"{100 * value:.2g} %" for key, value in document["precision"].items()}
+        print(
+            f"Largest sigma of J(q) over sqrt(J_ii J_jj): wanted {said['target']}, predicted {said['predicted']}, achieved "
+            f"{said['achieved']}, in {document['precision']['robot_time_s']:.0f} s of robot time."
+        )
     print(
         "The model explains the records."
         if not _doubtful(result, document)

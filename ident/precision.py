@@ -1,0 +1,163 @@
+"""How many periods, how far apart the lines: what a precision of J(q) costs in robot time, from the Fisher information.
+
+The declared arm tells what every motor would answer, its drives what noise comes with it; each further period of a record adds
+the same information. Periods go where they lower the largest standard deviation of J(q) most, until it is small enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ident.arm_fit import INFORMATION_ROUNDING, Minimum, gravity_basis, posture_at
+from ident.arm_model import Parameters, Sampling, motion, motion_and_derivatives
+from ident.bench import head
+from ident.campaign import Array, Campaign
+from ident.certainty import certainty
+from ident.coupled import problem_of, uncertainty
+from ident.design import STEADY, Setup, prepare
+from ident.dob import close_loop
+from ident.errors import ExperimentError
+from ident.plant import build_plant, linearise
+from ident.whitening import Powers, whitening
+from symgen.plan import Model
+from symgen.robot import Robot
+
+#: Line spacings [Hz] tried, besides the declared one. Wide apart is quick, but a period must hold the arm's slow motions.
+SPACINGS = (0.1, 0.2, 0.5, 1.0, 2.0)
+#: Variance of a record over that of its ideal: what taking leakage off may cost, and arms that are not as declared.
+ALLOWANCE = 1.25
+#: Settled periods of one record at most: what an hour can not buy is bought by another experiment.
+MOST_PERIODS = 100
+
+
+@dataclass(frozen=True)
+class Precision:
+    """A campaign for a precision: the `robot` with its line spacing, `periods` of each record (settling ones included) and
+    the `seconds` that all take; `sigma` is the largest standard deviation of J_ij(q) over sqrt(J_ii J_jj) predicted."""
+
+    robot: Robot
+    periods: tuple[int, ...]
+    seconds: float
+    sigma: float
+
+    @property
+    def text(self) -> str:
+        """One line for a person."""
+        few, many = min(self.periods), max(self.periods)
+        each = f"{few}" if few == many else f"{few} to {many}"
+        return (
+            f"predicted: sigma of J(q) at most {100 * self.sigma:.2g} % of sqrt(J_ii J_jj), from {len(self.periods)} records of "
+            f"{each} periods of {1 / self.robot.experiment.f0:g} s: {self.seconds:.0f} s of robot time"
+        )
+
+
+def for_target(model: Model, robot: Robot, cells: Sequence[tuple[str, ArrayLike]], target: float, *, lock: str = "dob",
+               seed: int = 0) -> Precision:  # fmt: skip
+    """Returns the campaign of `cells` that takes least robot time for a standard deviation of J(q) of `target`, relative to
+    sqrt(J_ii J_jj), at any entry and posture. ExperimentError: out of reach, or as `design.prepare` says."""
+    e, found, reasons = robot.experiment, [], []
+    for f0 in dict.fromkeys((e.f0, *SPACINGS)):
+        if abs(e.fs / f0 - round(e.fs / f0)) > 1e-9 or f0 > e.band[1]:
+            continue
+        other = replace(robot, experiment=replace(e, f0=f0, band=(max(e.band[0], f0), e.band[1])))
+        try:
+            found.append(_with_spacing(model, other, cells, target, lock, seed))
+        except ExperimentError as error:
+            reasons.append(error)
+    if not found:
+        raise reasons[0]
+    return min(found, key=lambda one: one.seconds)
+
+
+def _with_spacing(
+    model: Model, robot: Robot, cells: Sequence[tuple[str, ArrayLike]], target: float, lock: str, seed: int
+) -> Precision:
+    """The shortest campaign with the robot's own line spacing."""
+    chain = model.chain
+    setups = []
+    for (joint, q), cell in zip(cells, np.random.SeedSequence(seed).spawn(len(cells)), strict=True):
+        rng = np.random.default_rng(cell.spawn(2)[0])
+        setups.append(prepare(chain, robot, joint, q, lock=lock, rng=rng))
+    empty = head(chain, robot, (), lock=lock)
+    basis = gravity_basis(model, empty.gravity)
+    drives = [robot.drive(name) for name in chain.names]
+    K, J_m, D, D_spring = np.array([[d.K, d.J_m, d.D, d.D_spring] for d in drives]).T
+    arm = Parameters(K, J_m, D, D_spring, model.alpha_cad, basis @ chain.parameters)
+    scale = problem_of(empty, model, basis, (), arm).scale
+    each = np.array([_information(model, robot, empty, basis, setup, arm, scale) for setup in setups]) / ALLOWANCE
+
+    problem = problem_of(empty, model, basis, (), arm)
+    alphas = slice(4 * chain.n, 4 * chain.n + len(model.names))
+    size = scale[alphas]
+    steady = np.full(len(setups), STEADY)
+    while True:
+        whole = np.einsum("k,kab->ab", steady.astype(float), each)
+        covariance, unseen, _ = uncertainty(problem, Minimum(arm.vector(), whole, 0.0, True))
+        known = certainty(model, covariance, unseen)
+        sigma = float(known.per_entry.max())
+        if sigma <= target:
+            break
+        i, j = known.worst
+        if not np.isfinite(sigma) or steady.max() >= MOST_PERIODS:
+            reach = "its records hold no information on it" if not np.isfinite(sigma) else f"{100 * sigma:.2g} %"
+            raise ExperimentError(
+                f"target {100 * target:g} %: J_{i + 1}{j + 1} stays at {reach} after {steady.max()} periods of "
+                f"{1 / robot.experiment.f0:g} s; expected a larger target, more postures or a larger swing"
+            )
+        spread = np.linalg.pinv(whole, rcond=INFORMATION_ROUNDING, hermitian=True)[:, alphas]
+        # the thin direction as the drives follow it: what else must be known to know alpha
+        direction = spread @ np.linalg.lstsq(spread[alphas], known.direction / size, rcond=None)[0]
+        steady = _more(steady, each, direction, sigma / target)
+    periods = tuple(int(setup.settle + count) for setup, count in zip(setups, steady, strict=True))
+    return Precision(robot, periods, sum(periods) / robot.experiment.f0, sigma)
+
+
+def _more(steady: Array, each: Array, direction: Array, excess: float) -> Array:
+    """More periods for the records that see the thin `direction` [P] best: a tenth of what all have, by share, one at least."""
+    seen = np.einsum("a,kab,b->k", direction, each, direction)
+    best = seen >= 0.5 * seen.max()
+    factor = min(max(excess**2, 1.0), 2.0) ** 0.25
+    return np.where(best, np.maximum(steady + 1, np.round(steady * factor)), steady).astype(int)
+
+
+def _information(
+    model: Model, robot: Robot, empty: Campaign, basis: Array, setup: Setup, arm: Parameters, scale: Array
+) -> Array:
+    """What one settled period of a record tells of all parameters [P, P], per step of `scale`, were the arm as declared."""
+    e, live = robot.experiment, np.array(setup.live)
+    posture = posture_at(empty, model, basis, live, setup.posture)
+    sampling = Sampling(setup.excitation.lines * e.f0, e.fs, empty.hold)
+    tau = _torques(model, robot, setup, sampling.f)
+    _, slopes = motion_and_derivatives(posture, arm, sampling, tau)
+    drives = [robot.drive(model.chain.names[k]) for k in live]
+    own = robot.drive(model.chain.names[setup.joint])
+    amplitude = 4.0 / e.samples_per_period  # E|z|^2 of a line, as a peak amplitude, per variance of a sample
+    noise = np.array([e.torque_noise * setup.excitation.rms * d.tau_max / own.tau_max for d in drives])
+    step = np.array([2 * np.pi / d.encoder_counts for d in drives])
+    G = motion(
+        posture, arm, sampling, np.broadcast_to(np.eye(len(live), dtype=complex), (len(tau), len(live), len(live)))
+    )
+    angle = np.broadcast_to(amplitude * step**2 / 12.0, tau.shape)
+    W = whitening(Powers(amplitude * noise**2, angle, G), np.zeros_like(tau))
+    columns = posture.columns(model.chain.n)
+    A = (W @ (slopes * scale[columns])).reshape(-1, len(columns))
+    information = np.zeros((len(scale), len(scale)))
+    information[np.ix_(columns, columns)] = 2.0 * (A.conj().T @ A).real
+    return information
+
+
+def _torques(model: Model, robot: Robot, setup: Setup, f: Array) -> np.ndarray:
+    """The torques [L, live, N m] of all motors that move, at the lines `f` [L, Hz], under the record's controllers."""
+    chain, e = model.chain, robot.experiment
+    free = None if len(setup.live) == chain.n else setup.joint
+    plant = build_plant(chain, [robot.drive(name) for name in chain.names], robot.gravity, setup.posture, free=free)
+    loop = close_loop(*linearise(plant).sampled(1 / e.fs), setup.servos, 1 / e.fs)
+    port = setup.live.index(setup.joint)
+    spectrum = setup.excitation.spectrum
+    torque = (loop.response(f, port) * spectrum[:, None]) @ loop.U.T
+    torque[:, port] += spectrum
+    return np.asarray(torque)

@@ -1,0 +1,70 @@
+"""Campaigns for a precision: what is predicted is what a fit of such records finds, and more costs more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.bench import design, head, run
+from ident.certainty import certainty
+from ident.coupled import fit_coupled
+from ident.errors import ExperimentError
+from ident.frf import estimate
+from ident.precision import ALLOWANCE, Precision, for_target
+from symgen.plan import Model, plan_of_robot
+from symgen.robot import Robot, load_robot
+
+ROBOT = Path(__file__).parents[2] / "robots" / "ypp3"
+
+
+@pytest.fixture(scope="module")
+def planned() -> tuple[Model, Robot, list[tuple[str, np.ndarray]]]:
+    robot = load_robot(ROBOT)
+    plan = plan_of_robot(robot)
+    return plan.model, robot, [(cell.joint, cell.q) for cell in plan.cells]
+
+
+def seconds(found: Precision) -> float:
+    return sum(found.periods) / found.robot.experiment.f0
+
+
+def test_the_fit_achieves_what_is_predicted(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]]) -> None:
+    model, robot, cells = planned
+    found = for_target(model, robot, cells, 0.01, seed=3)
+    jobs = design(model.chain, found.robot, cells, seed=3)
+    records = [
+        run(replace(job, setup=replace(job.setup, periods=k))) for job, k in zip(jobs, found.periods, strict=True)
+    ]
+    data = head(model.chain, found.robot, tuple(records))
+    assert sum(len(record.tau) for record in records) / data.fs == pytest.approx(found.seconds) == seconds(found)
+    responses = [estimate(record, data) for record in records]
+    fit = fit_coupled(data, model, responses)
+    achieved = certainty(model, fit.covariance, fit.unseen).per_entry.max()
+    # what leakage may cost need not be, and periods thought to settle may have: three of nine were counted
+    kept = [one.periods / (k - job.setup.settle) for one, k, job in zip(responses, found.periods, jobs, strict=True)]
+    assert found.sigma / np.sqrt(1.1 * ALLOWANCE * max(kept)) < achieved < 1.1 * found.sigma < 0.01
+    q = model.random_postures(500, np.random.default_rng(1))
+    true = model.J_cad(q)
+    size = np.sqrt(np.einsum("mii->mi", true))
+    off = np.abs(model.J(q, fit.alpha) - true) / size[:, :, None] / size[:, None, :]
+    assert off.max() < 4 * achieved
+
+
+def test_precision_costs_time(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]]) -> None:
+    model, robot, cells = planned
+    rough, fine, finer = (for_target(model, robot, cells, target) for target in (1e-2, 2e-4, 1e-4))
+    for found, target in ((rough, 1e-2), (fine, 2e-4), (finer, 1e-4)):
+        assert found.sigma <= target and len(found.periods) == len(cells)
+    assert rough.seconds < fine.seconds < finer.seconds < 8 * fine.seconds  # four times the records, settling apart
+    assert rough.robot.experiment.f0 > finer.robot.experiment.f0
+
+
+def test_out_of_reach_is_said(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]]) -> None:
+    model, robot, cells = planned
+    with pytest.raises(ExperimentError, match=r"target 0\.0001 %: J_\d\d stays at .* % after \d+ periods"):
+        for_target(model, robot, cells, 1e-6)
+    with pytest.raises(ExperimentError, match="its records hold no information on it"):
+        for_target(model, robot, cells[:1], 0.01)
