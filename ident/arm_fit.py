@@ -294,16 +294,19 @@ def in_record(p: Parameters, effects: Sequence[Effect], record: int) -> Paramete
 
 
 def residual(
-    problem: Problem, vector: Array, one: Evidence, how: Moved | None, derive: bool = False
+    problem: Problem, vector: Array, one: Evidence, how: Moved | None, derive: bool = False, judged: bool = False
 ) -> tuple[Complex, Complex, NDArray[np.int64]]:
-    """Returns theta - G tau [L, m], its derivatives [L, m, C] and the parameters [C] that they belong to."""
+    """Returns theta - G tau [L, m], its derivatives [L, m, C] and the parameters [C] that they belong to; with `judged` at
+    those lines only that count."""
     whole, effects = problem.parameters(vector), problem.effects_at(vector)
+    use = one.use if judged else np.ones(len(one.sampling.f), dtype=bool)
+    sampling = replace(one.sampling, f=one.sampling.f[use])
 
     def run(effects: tuple[Effect, ...], derive: bool) -> tuple[Complex, Complex]:
         scene, p = problem.scene(one, effects), in_record(whole, effects, one.index)
-        extra = acting(scene, p, effects, how)
-        theta, slopes = motion_and_derivatives(scene.arm, p, one.sampling, scene.tau, extra, derive)
-        return scene.theta - theta, -slopes
+        extra = acting(scene, p, effects, how).at(use)
+        theta, slopes = motion_and_derivatives(scene.arm, p, sampling, scene.tau[use], extra, derive)
+        return scene.theta[use] - theta, -slopes
 
     r, slopes = run(effects, derive)
     if not derive:
@@ -311,7 +314,7 @@ def residual(
     scene, p = problem.scene(one, effects), in_record(whole, effects, one.index)
     columns, more = [scene.arm.columns(problem.n)], [slopes]
     on_motor, on_link = (
-        transfer(scene.arm, p, scene.s, linear_extra(scene, p, effects)) if effects else (slopes, slopes)
+        transfer(scene.arm, p, scene.s[use], linear_extra(scene, p, effects).at(use)) if effects else (slopes, slopes)
     )
     k = problem.base
     for place, effect in enumerate(effects):
@@ -328,7 +331,7 @@ def residual(
             if now is None or how is None:
                 difference = run((*effects[:place], changed, *effects[place + 1 :]), False)[0] - r
             else:
-                by = {port: force - now[port] for port, force in forces(scene, (changed,), how).items()}
+                by = {port: (force - now[port])[use] for port, force in forces(scene, (changed,), how).items()}
                 motor, link = by["motor"] - by["spring"], by["link"] + by["spring"]
                 difference = -(on_motor @ motor[..., None] + on_link @ link[..., None])[..., 0] - by["reading"]
             more.append((difference / nudge)[..., None])
@@ -347,8 +350,8 @@ def chi_squared(problem: Problem, vector: Array, held: Sequence[Held]) -> float:
                 return float(np.inf)
             if np.linalg.eigvalsh(one.scene.arm.J(p))[0] <= 0.0:
                 return float(np.inf)
-            r = residual(problem, vector, one, kept.moved)[0]
-            total += 2.0 * float(np.sum(np.abs(kept.W @ r[..., None]) ** 2))
+            r = residual(problem, vector, one, kept.moved, judged=True)[0]
+            total += 2.0 * float(np.sum(np.abs(kept.W[one.use] @ r[..., None]) ** 2))
             if not np.isfinite(total):
                 return float(np.inf)
     return total
@@ -358,9 +361,10 @@ def normal_equations(problem: Problem, vector: Array, held: Sequence[Held]) -> t
     """Returns chi^2, half its gradient [P] and half its Gauss-Newton Hessian [P, P] per step of `scale`: the information."""
     chi2, slope, information = _unexpected(problem, vector)
     for one, kept in zip(problem.data, held, strict=True):
-        r, slopes, columns = residual(problem, vector, one, kept.moved, derive=True)
-        A = (kept.W @ (slopes * problem.scale[columns])).reshape(-1, len(columns))
-        white = (kept.W @ r[..., None]).ravel()
+        r, slopes, columns = residual(problem, vector, one, kept.moved, derive=True, judged=True)
+        W = kept.W[one.use]
+        A = (W @ (slopes * problem.scale[columns])).reshape(-1, len(columns))
+        white = (W @ r[..., None]).ravel()
         chi2 += 2.0 * float(np.vdot(white, white).real)
         slope[columns] += 2.0 * (A.conj().T @ white).real
         real = np.concatenate([A.real, A.imag])

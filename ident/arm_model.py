@@ -6,7 +6,7 @@ a stiffness, and J(q) couples the links. (1), (2) of the paper are one joint of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,10 @@ class Extra:
     on_motor: Complex | None = None
     on_link: Complex | None = None
     reading: Complex | None = None
+
+    def at(self, use: NDArray[np.bool_]) -> Extra:
+        """The same at some of the lines [L]."""
+        return Extra(*(None if x is None else x[use] for x in (getattr(self, f.name) for f in fields(self))))
 
 
 NOTHING = Extra()

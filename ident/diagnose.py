@@ -52,8 +52,8 @@ SURELY = 4
 FINALISTS = 3
 #: Fall of chi^2 that ends a descent: of a candidate, of a finalist; times that the weights of what is chosen are made anew.
 HASTILY, FINELY, FULLY = 0.03, 0.002, 8
-#: Turns to the force of dry friction for a candidate.
-FEW_TURNS = 15
+#: Turns to the force of dry friction, and lines of a record, for a candidate.
+FEW_TURNS, FEW_LINES = 15, 250
 #: chi^2 per degree of freedom of a group of lines above which the arm is not explained, and the least of a group's degrees.
 DEPARTURE, LEAST_DOF = 3.0, 40
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
@@ -353,13 +353,24 @@ def _first(bench: _Bench) -> State:
 
 
 def _fitted(bench: _Bench, refit: _Refit, doubts: Sequence[float] = ()) -> State:
-    turns = FEW_TURNS if refit.roughly == HASTILY else TURNS
-    more = (refit.effects, refit.scales, refit.limits, turns)
-    problem = bench.problem(bench.split.fit, *more)
+    hasty = refit.roughly == HASTILY
+    more = (refit.effects, refit.scales, refit.limits, FEW_TURNS if hasty else TURNS)
+    fit, select = (tuple(map(_few_lines, part)) if hasty else part for part in (bench.split.fit, bench.split.select))
+    problem, chosen = bench.problem(fit, *more), bench.problem(select, *more)
     minimum = minimise(problem, refit.vector, doubts, refit.outer, refit.roughly)
-    chosen = bench.problem(bench.split.select, *more)
-    select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
-    return State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, select)
+    chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
+    share = degrees(bench.split.select) / degrees(select)
+    return State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, chi2 * share)
+
+
+def _few_lines(one: Evidence) -> Evidence:
+    """The same record, judged at `FEW_LINES` of its lines at most."""
+    judged = np.flatnonzero(one.use)
+    if len(judged) <= FEW_LINES:
+        return one
+    few = np.zeros(len(one.use), dtype=bool)
+    few[judged[np.linspace(0, len(judged) - 1, FEW_LINES).round().astype(int)]] = True
+    return lines_of(one, few)
 
 
 def degrees(data: Sequence[Evidence]) -> int:
