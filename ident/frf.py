@@ -37,6 +37,8 @@ POSTURE_TOLERANCE = 0.02
 DRIFT_TOLERANCE = 5e-3
 #: Share of the sampling rate up to which motion is read.
 HIGHEST = 0.45
+#: Encoder steps, at most, over which an angle is at rest.
+FEW_STEPS = 6
 
 
 @dataclass(frozen=True)
@@ -311,11 +313,12 @@ def _quantisation(step: Array, angles: Array, odd: bool) -> Array:
     E|X|^2 = 4/S * step^2/12 in peak amplitudes. Noise of standard deviation sigma makes the error another one in every period
     but for a share exp(-(2 pi sigma / step)^2) of its power (B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008); that
     share repeats, and with an `odd` excitation (half-wave symmetric, all lines odd) it may gather on the odd lines: twice
-    the power.
+    the power. An angle of `FEW_STEPS` in all, of a joint that sticks, flickers without being another: all of it repeats.
     """
     M, S, _ = angles.shape
     sigma2 = np.maximum(np.mean(np.var(angles, axis=0, ddof=1), axis=0) - step**2 / 12.0, 0.0)
     same = np.exp(-((2.0 * np.pi) ** 2) * sigma2 / np.where(step > 0.0, step, 1.0) ** 2)
+    same = np.where(np.ptp(angles, axis=(0, 1)) < (FEW_STEPS + 0.5) * step, 1.0, same)
     return (same * (2.0 if odd else 1.0) + (1.0 - same) / M) * step**2 / (3.0 * S)
 
 
