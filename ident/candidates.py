@@ -184,7 +184,7 @@ def _shapes(lin: Linearised, kind: type[Effect], joint: int | None, unit: Sequen
             assert joint is not None
             options.append(_orders(lin, kind, joint, unit))
         elif p.name == "record":
-            options.append(tuple(float(k + 1) for k in range(1, len(lin.problem.data))))
+            options.append(tuple(one.index + 1.0 for one in lin.problem.data[1:]))
         elif p.name == "frequency":
             top = max(float(one.sampling.f[-1]) for one in lin.problem.data)
             grid = np.geomspace(max(p.low, 2.0), 1.2 * top, FREQUENCIES).tolist()

@@ -213,6 +213,11 @@ def diagnose(
     bench = _Bench(campaign, model, basis, split(data, model), guess, workers)
     start, state, added = _loop(bench, progress)
     left = _left_over(bench, start, state, added)
+    if left and not bench.split.note and not _groups(bench, state, bench.split.fit):
+        progress("only records that do not fit depart: once more with lines of every record in each part")
+        bench = replace(bench, split=_split_lines(data, "what departs shows in too few records"))
+        start, state, added = _loop(bench, progress)
+        left = _left_over(bench, start, state, added)
     final = tuple(replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if _same(a.effect, e))
     before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
     off = () if left else _off(bench, state)
@@ -297,7 +302,7 @@ def split(data: tuple[Evidence, ...], model: Model) -> Split:
     )
     if report and {one.excited for one in select} == {one.excited for one in data}:
         return Split(fit, select, report, "")
-    return _split_lines(data)
+    return _split_lines(data, "too few records")
 
 
 def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> dict[int, str]:
@@ -331,9 +336,9 @@ def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> 
         kinds[worst] = "fit"
 
 
-def _split_lines(data: tuple[Evidence, ...]) -> Split:
+def _split_lines(data: tuple[Evidence, ...], why: str) -> Split:
     """Of every record two blocks of lines in four fit, one chooses, one reports."""
-    note = "too few records: fitting, choosing and reporting lines are blocks of each record by turns"
+    note = f"{why}: fitting, choosing and reporting lines are blocks of each record by turns"
     fit, select, report = (
         tuple(lines_of(one, np.isin(np.cumsum(one.is_excited) // BLOCK % 4, turns)) for one in data)
         for turns in ((0, 2), (1,), (3,))
@@ -429,7 +434,7 @@ def _round(bench: _Bench, state: State, first: float, progress: Callable[[str], 
         best = curve
     if best is None:
         return None
-    best = (best[0], _fitted(bench, replace(_Refit.of(best[1]), outer=FULLY)))
+    best = (best[0], _since(bench, _fitted(bench, replace(_Refit.of(best[1]), outer=FULLY))))
     less = _without(bench, best[1], best[1].effects[-1])  # what is gained by a better fit is no gain of the effect
     state = less if less.select < state.select else state
     gain, excess = state.select - best[1].select, max(state.select - dof, 1.0)
@@ -512,6 +517,27 @@ def _with(bench: _Bench, state: State, candidate: Candidate, lin: Linearised) ->
         np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect),
         state.scales + candidate.scales, state.limits + limits, 1, HASTILY,
     )  # fmt: skip
+
+
+def _since(bench: _Bench, state: State) -> State:
+    """The same model, its last effect since the record that the choosing ones tell, of those between two that fit."""
+    effect = state.effects[-1]
+    names = [p.name for p in effect.parameters]
+    if "record" not in names:
+        return state
+    place = state.problem.base + sum(len(e.values) for e in state.effects[:-1]) + names.index("record")
+    now = int(effect["record"])
+    earlier = [one.index + 1 for one in bench.split.fit if one.index + 1 < now]
+    best = state
+    for record in range(max(earlier, default=1) + 1, now):
+        vector = state.minimum.vector.copy()
+        vector[place] = record
+        chosen = replace(state.problem, data=bench.split.select)
+        select = chi_squared(chosen, vector, hold(chosen, vector))
+        if select < best.select:
+            minimum = replace(state.minimum, vector=vector)
+            best = replace(state, effects=state.problem.effects_at(vector), minimum=minimum, select=select)
+    return best
 
 
 def _pruned(bench: _Bench, state: State, entry: Added, progress: Callable[[str], None]) -> tuple[State, Added]:
