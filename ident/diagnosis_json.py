@@ -13,14 +13,16 @@ import numpy as np
 from ident.campaign import Campaign
 from ident.confounded import NEVER, Separation, never_told_apart, separation
 from ident.coupled import degrees_of_freedom, uncertainty
+from ident.departures import Errors
 from ident.deviations import PORTS as DECLARED_PORTS
 from ident.deviations import SIGMAS
-from ident.diagnose import LEAST_GAIN, LEAST_SHARE, Added, Diagnosis, Errors, Off, State
+from ident.diagnose import LEAST_GAIN, LEAST_SHARE, Added, Diagnosis, Off
 from ident.effects.base import Effect
 from ident.effects.learned import Learned
 from ident.held_out import carried, held_out, noise_floor, sources
 from ident.links import nearest_links
 from ident.plain import plain, replace_file
+from ident.refits import State
 from ident.solve import inertia_std
 from symgen.plan import Model
 

@@ -14,9 +14,11 @@ import numpy as np
 from ident.acting import has_forces
 from ident.arm_fit import Evidence, Problem, hold, residual
 from ident.campaign import Array
-from ident.diagnose import EDGES, Diagnosis, State
+from ident.departures import EDGES
+from ident.diagnose import Diagnosis
 from ident.effects.base import Effect, Motion
 from ident.frf import Complex
+from ident.refits import State, same
 from ident.trace import PORTS, Linearised, linearise
 
 #: Ports of a joint that explain as much as this share of what the best one does are not told apart.
@@ -91,11 +93,6 @@ def without(state: State, effect: Effect) -> tuple[Problem, Array]:
         low=problem.low[keep], high=problem.high[keep], free=problem.free[keep],
     )  # fmt: skip
     return fewer, vector[keep]
-
-
-def same(a: Effect, b: Effect) -> bool:
-    """Whether two effects are one, whatever its size."""
-    return (a.name, a.joint, a.port) == (b.name, b.joint, b.port)
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,6 +146,26 @@ class Linearised:
         return sizes, float(b @ sizes)
 
 
+def port_shares(lin: Linearised) -> tuple[tuple[str, int, float], ...]:
+    """How much of what is in excess of noise a free force at each (port, joint) explains, largest first.
+
+    One complex number a line for every port: each takes 2 of its 2 m degrees of freedom. 1 means that all of the residual
+    points where that port pushes.
+    """
+    left: dict[tuple[str, int], float] = {}
+    total = 0.0
+    for one, r, ports in zip(lin.problem.data, lin.r, lin.ports, strict=True):
+        use = one.use
+        total += 2.0 * float(np.sum(np.abs(r[use]) ** 2)) - 2.0 * r[use].size
+        for key, a in ports.items():
+            along = np.abs(np.sum(a.conj() * r, axis=1)) ** 2 / np.maximum(np.sum(np.abs(a) ** 2, axis=1), 1e-300)
+            left[key] = left.get(key, 0.0) + 2.0 * float(np.sum(along[use])) - 2.0 * int(use.sum())
+    shares = [
+        (port, joint, value / total if total > 0.0 else 0.0) for (port, joint), value in left.items() if port in PORTS
+    ]
+    return tuple(sorted(shares, key=lambda share: -share[2]))
+
+
 def linearise(problem: Problem, vector: Array, held: Sequence[Held]) -> Linearised:
     """The fit about `vector`, held as it was fitted."""
     r, A, columns = [], [], []

@@ -13,12 +13,15 @@ from ident.arm_fit import chi_squared, evidence, gravity_basis, hold, minimise
 from ident.bench import simulate
 from ident.campaign import Campaign
 from ident.coupled import declared_start, problem_of
-from ident.diagnose import EDGES, Added, Departure, Diagnosis, Errors, Split, State, port_shares
+from ident.departures import EDGES, Departure, Errors
+from ident.diagnose import Added, Diagnosis
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorStribeck
 from ident.frf import estimate
 from ident.held_out import held_out
-from ident.trace import linearise
+from ident.parts import Split
+from ident.refits import State
+from ident.trace import linearise, port_shares
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 

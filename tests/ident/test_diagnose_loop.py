@@ -10,8 +10,9 @@ import pytest
 
 from ident.bench import simulate
 from ident.campaign import Campaign
-from ident.diagnose import Diagnosis, diagnose, split
+from ident.diagnose import Diagnosis, diagnose
 from ident.effects.catalogue import parse
+from ident.parts import split
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 

@@ -1,0 +1,109 @@
+"""How far measured angles are from a model's: relative errors, and groups of lines beyond noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ident.arm_fit import Evidence, hold, residual
+from ident.campaign import Array
+from ident.refits import Bench, State
+
+#: Bands [Hz] in which errors are told, as far as the records reach.
+EDGES = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+#: chi^2 per degree of freedom of a group of lines above which the arm is not explained, and the least of a group's degrees.
+DEPARTURE, LEAST_DOF = 3.0, 40
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Relative rms of theta - G tau over the excited lines: of all, per joint, per band; and what noise alone makes of it."""
+
+    all: float
+    per_joint: dict[str, float]
+    per_band: dict[str, float]
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Departure:
+    """A group of lines that stays unexplained: joint measured, band [Hz], kind of line, chi^2 per degree of freedom."""
+
+    joint: int
+    low: float
+    high: float
+    kind: str
+    level: float
+    share: float
+
+
+def errors(bench: Bench, state: State, data: Sequence[Evidence]) -> Errors:
+    """Relative rms errors of the excited joint's angle at the excited lines of `data`."""
+    problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
+    held = hold(problem, state.minimum.vector)
+    squares: list[tuple[int, Array, Array, Array]] = []
+    for one, kept in zip(data, held, strict=True):
+        r, W = residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W
+        k = int(np.flatnonzero(one.scene.arm.live == one.excited)[0])
+        use = one.is_excited & one.use
+        size = np.maximum(np.abs(one.scene.theta[use, k]) ** 2, 1e-300)
+        inverse = np.linalg.inv(W[use])
+        variance = np.sum(np.abs(inverse[:, k]) ** 2, axis=1)
+        squares.append((one.excited, one.sampling.f[use], np.abs(r[use, k]) ** 2 / size, variance / size))
+    joints = np.concatenate([np.full(len(f), j) for j, f, _, _ in squares])
+    f, error, noise = (np.concatenate([row[k] for row in squares]) for k in (1, 2, 3))
+
+    def rms(values: Array) -> float:
+        return float(np.sqrt(values.mean()))
+
+    names = bench.campaign.joints
+    return Errors(
+        rms(error),
+        {names[j]: rms(error[joints == j]) for j in np.unique(joints).tolist()},
+        {f"{a:g}-{b:g} Hz": rms(error[(f >= a) & (f < b)]) for a, b in pairwise(EDGES)
+         if np.any((f >= a) & (f < b))},
+        rms(noise),
+    )  # fmt: skip
+
+
+def groups(
+    bench: Bench, state: State, data: Sequence[Evidence]
+) -> list[tuple[int, int, float, float, str, float, float]]:
+    """Groups of lines beyond `DEPARTURE`: (record, joint, low, high, kind, level, chi^2 in excess)."""
+    problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
+    held = hold(problem, state.minimum.vector)
+    found = []
+    for one, kept in zip(data, held, strict=True):
+        r, W = residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W
+        power = 2.0 * np.abs((W @ r[..., None])[..., 0]) ** 2
+        odd = one.scene.lines % 2 == 1
+        kinds = {"excited": one.is_excited, "odd": odd & ~one.is_excited, "even": ~odd & ~one.is_excited}
+        f = one.sampling.f
+        for low, high in pairwise(EDGES):
+            for kind, which in kinds.items():
+                use = which & one.use & (f >= low) & (f < high)
+                if 2 * int(use.sum()) < LEAST_DOF:
+                    continue
+                for k, joint in enumerate(one.scene.arm.live.tolist()):
+                    level = float(power[use, k].mean() / 2.0)
+                    if level > DEPARTURE:
+                        found.append((one.index, joint, low, high, kind, level, float(power[use, k].sum())))
+    return found
+
+
+def departures(bench: Bench, state: State) -> tuple[Departure, ...]:
+    """What stays unexplained on the choosing and reporting records: joints, bands and kinds of line, largest share first."""
+    data = bench.split.select + bench.split.report
+    found = groups(bench, state, data)
+    total = sum(group[6] for group in found)
+    merged: dict[tuple[int, float, float, str], list[float]] = {}
+    for _, joint, low, high, kind, level, power in found:
+        entry = merged.setdefault((joint, low, high, kind), [0.0, 0.0])
+        entry[0], entry[1] = max(entry[0], level), entry[1] + power
+    rows = [
+        Departure(j, low, high, kind, level, power / total) for (j, low, high, kind), (level, power) in merged.items()
+    ]
+    return tuple(sorted(rows, key=lambda d: -d.share))

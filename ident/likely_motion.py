@@ -1,0 +1,156 @@
+"""The likeliest motion of an arm under known forces: what is measured, smoothed line by line by what a model knows (Wiener)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.acting import Scene, linear_extra
+from ident.arm_model import Parameters, Sampling, motion, stiffness, transfer
+from ident.campaign import Array
+from ident.effects.base import Effect, Motion
+from ident.frf import Complex
+from ident.whitening import Powers
+
+#: A port ("motor", "spring", "link", or the "reading") and a joint, from 0, of those that move.
+Key = tuple[str, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Force:
+    """A force at all lines [L], and its mean."""
+
+    lines: Complex
+    mean: float
+
+    @staticmethod
+    def of(scene: Scene, signal: Array) -> Force:
+        return Force(scene.at_lines(signal), float(np.mean(signal)))
+
+    def near(self, other: Force, share: float) -> bool:
+        """Whether no line differs by more than this share of the largest."""
+        return bool(np.abs(self.lines - other.lines).max() <= share * np.abs(self.lines).max())
+
+    def plus(self, other: Force) -> Force:
+        return Force(self.lines + other.lines, self.mean + other.mean)
+
+
+Forces = dict[Key, Force]
+
+
+@dataclass(frozen=True, eq=False)
+class LikelyMotion:
+    """The motion of all m live joints at all L lines as a function of the forces on them.
+
+    `alone` [L, m] are the measured angles as the model predicts them without forces; `on_motor`, `on_link` [L, m, m] what these add;
+    `carried` links by motors, `yielding` links by forces on them; `gain` of the readings. `inside` [L] the band; `certainty` [L, m, m]
+    the inverse covariance of measured minus predicted angles, `trust` the part of these that belongs to the motion.
+    """
+
+    scene: Scene
+    p: Parameters
+    on_motor: Complex
+    on_link: Complex
+    carried: Complex
+    yielding: Complex
+    alone: Complex
+    gain: Complex | None
+    second: Complex
+    inside: NDArray[np.bool_]
+    certainty: Complex
+    trust: Complex
+
+    @staticmethod
+    def of(
+        scene: Scene, p: Parameters, effects: Sequence[Effect], second: Complex | None, sampling: Sampling, powers: Powers
+    ) -> LikelyMotion:  # fmt: skip
+        """The motion of a record, `second` its rigid-body forces of second order at all lines [L, m]."""
+        wide, arm = scene.wide, scene.arm
+        linear = linear_extra(wide, p, effects)
+        on_motor, on_link = transfer(arm, p, wide.s, linear)
+        _, _, Z_lm, Z_ll = stiffness(arm, p, wide.s, linear.impedance)
+        yielding = np.asarray(np.linalg.inv(Z_ll), dtype=complex)
+        m, at = len(arm.live), Sampling(wide.f0 * wide.lines, sampling.fs, sampling.hold)
+        G = motion(arm, p, at, np.broadcast_to(np.eye(m, dtype=complex), (len(wide.lines), m, m)), linear)
+        of_model = replace(powers, G=G).of_model()
+        certainty = np.asarray(np.linalg.inv(of_model + np.diag(powers.angle.max(axis=0))), dtype=complex)
+        second = np.zeros_like(wide.theta) if second is None else second
+        return LikelyMotion(
+            wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), linear.angle_gain, second,
+            np.isin(wide.lines, scene.lines), certainty, of_model @ certainty,
+        )  # fmt: skip
+
+    def predicted(self, on: Forces) -> tuple[Complex, Complex, Complex]:
+        """(measured angles that the model predicts under forces `on`, forces on the links, errors of the readings) [L, m]."""
+        motor, link, reading = np.zeros_like(self.alone), self.second.copy(), np.zeros_like(self.alone)
+        for (port, k), force in on.items():
+            F = force.lines
+            if port == "reading":
+                reading[:, k] += F
+                continue
+            motor[:, k] += {"motor": F, "spring": -F, "link": np.zeros_like(F)}[port]
+            link[:, k] += {"motor": np.zeros_like(F), "spring": F, "link": F}[port]
+        return self.alone + _times(self.on_motor, motor) + _times(self.on_link, link) + reading, link, reading
+
+    def misfit(self, on: Forces) -> float:
+        """chi^2 of the measured angles in the band, under forces `on`."""
+        error = (self.scene.theta - self.predicted(on)[0])[self.inside]
+        return 2.0 * float(np.einsum("li,lij,lj->", error.conj(), self.certainty[self.inside], error).real)
+
+    @property
+    def degrees(self) -> int:
+        """Real numbers measured in the band."""
+        return 2 * int(self.inside.sum()) * self.alone.shape[1]
+
+    def rate(self, key: Key, on: Forces) -> tuple[Complex, Complex]:
+        """Velocity [L] at a port under forces `on`, and what a unit force there adds to it."""
+        none = {key: Force(np.zeros_like(x.lines), 0.0) for key, x in on.items()}
+        unit = none | {key: Force(np.ones_like(none[key].lines), 0.0)}
+        moved = [self._at(key, forces) for forces in (on, unit, none)]
+        return self.scene.s * moved[0], self.scene.s * (moved[1] - moved[2])
+
+    def _at(self, key: Key, on: Forces) -> Complex:
+        """The position [L] at a port."""
+        port, k = key
+        theta, q = (angles[:, k] for angles in self.likely(on))
+        return theta if port == "motor" else q if port == "link" else theta / self.scene.arm.N[k] - q
+
+    def likely(self, on: Forces) -> tuple[Complex, Complex]:
+        """The likeliest angles of motors and links [L, m] under forces."""
+        predicted, link, reading = self.predicted(on)
+        theta = predicted + _times(self.trust, self.scene.theta - predicted) - reading
+        theta = theta if self.gain is None else theta / self.gain
+        return theta, _times(self.carried, theta / self.scene.arm.N) + _times(self.yielding, link)
+
+    def moving(self, on: Forces) -> Motion:
+        """How all joints move under forces."""
+        scene, p, live, s = self.scene, self.p, self.scene.arm.live, self.scene.s[:, None]
+        theta, q = self.likely(on)
+        x = theta / scene.arm.N
+        spring = (p.K[live] + s * p.D_spring[live]) * (x - q)
+        still = np.zeros(scene.n)
+        wound, push = scene.N * scene.means[0], still.copy()
+        for (port, k), force in on.items():
+            if port == "spring":
+                spring[:, k] += force.lines
+            wound[live[k]] += force.mean if port == "motor" else 0.0
+            push[live[k]] += force.mean if port == "spring" else 0.0
+        twist = (wound - push) / p.K
+        stack = np.stack([theta, s * theta, scene.tau, q, s * q, x - q, s * (x - q), spring], axis=1)
+        periods = scene.in_time(stack).transpose(1, 0, 2)
+        mean_tau, mean_theta = scene.means
+        means = [mean_theta, still, mean_tau, mean_theta / scene.N - twist, still, twist, still, wound]
+        signal = np.repeat(np.stack(means)[:, None, :], scene.samples, axis=1)
+        signal[:, :, live] += periods
+        theta_t, omega, tau, q_t, q_rate, deflection, rate, spring_t = signal
+        return Motion(
+            1.0 / (scene.f0 * scene.samples), scene.N, theta_t, omega, tau, q_t, q_rate, deflection, rate, spring_t, p.K
+        )
+
+
+def _times(matrix: Complex, vector: Complex) -> Complex:
+    """Matrices [L, m, m] times vectors [L, m]."""
+    return np.asarray((matrix @ vector[..., None])[..., 0])

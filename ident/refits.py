@@ -1,0 +1,128 @@
+"""Models of an arm with effects, refitted: hastily to compare them, finely to choose one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.arm_fit import Evidence, Minimum, Problem, chi_squared, hold, minimise
+from ident.arm_model import Parameters
+from ident.campaign import Array, Campaign
+from ident.coupled import DOUBTS, problem_of
+from ident.effects.base import Effect
+from ident.forked import forked
+from ident.parts import Split, degrees, few_lines
+from ident.smoothing import TURNS
+from symgen.plan import Model
+
+#: Fall of chi^2 that ends a descent: of a candidate, of a finalist; times that the weights of what is chosen are made anew.
+HASTILY, FINELY, FULLY = 0.03, 0.002, 8
+#: Turns to the force of dry friction, and lines of a record, for a candidate.
+FEW_TURNS, FEW_LINES = 15, 250
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """The tools of one diagnosis: how to make a problem of records and effects, and the weights of the choosing records."""
+
+    campaign: Campaign
+    model: Model
+    basis: Array
+    split: Split
+    guess: Parameters
+    workers: int
+
+    def problem(
+        self, data: tuple[Evidence, ...], effects: Sequence[Effect], scales: Sequence[float], limits: Sequence[tuple[float, float]],
+        turns: int = TURNS,
+    ) -> Problem:  # fmt: skip
+        problem = problem_of(self.campaign, self.model, self.basis, data, self.guess, effects, scales, limits)
+        whole = [p.whole for e in effects for p in e.parameters]
+        free = problem.free.copy()
+        free[problem.base :] = ~np.array(whole, dtype=bool) if whole else free[problem.base :]
+        return replace(problem, free=free, turns=turns)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A fitted model: its effects, its minimum on the fit records, chi^2 on the choosing ones, and their weights."""
+
+    effects: tuple[Effect, ...]
+    scales: tuple[float, ...]
+    limits: tuple[tuple[float, float], ...]
+    minimum: Minimum
+    problem: Problem
+    select: float
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it)."""
+
+    vector: Array
+    effects: tuple[Effect, ...]
+    scales: tuple[float, ...]
+    limits: tuple[tuple[float, float], ...]
+    outer: int = 2
+    roughly: float = FINELY
+
+    @staticmethod
+    def of(state: State) -> Refit:
+        """The same model, fitted finely."""
+        return Refit(state.minimum.vector, state.effects, state.scales, state.limits)
+
+
+def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
+    """The models of `refits`, made by all workers."""
+
+    def work(refit: Refit) -> tuple[Minimum, float]:
+        state = fitted(bench, refit)
+        return state.minimum, state.select
+
+    for refit, (minimum, select) in zip(refits, forked(work, refits, bench.workers), strict=True):
+        problem = bench.problem(bench.split.fit, refit.effects, refit.scales, refit.limits)
+        yield State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, select)
+
+
+def first(bench: Bench) -> State:
+    """The arm without effects: from what is declared, at once and by detours."""
+    states = [fitted(bench, Refit(bench.guess.vector(), (), (), ()), doubts) for doubts in ((), DOUBTS)]
+    return min(states, key=lambda s: s.minimum.chi2)
+
+
+def fitted(bench: Bench, refit: Refit, doubts: Sequence[float] = ()) -> State:
+    hasty = refit.roughly == HASTILY
+    more = (refit.effects, refit.scales, refit.limits, FEW_TURNS if hasty else TURNS)
+    fit, select = (
+        tuple(few_lines(one, FEW_LINES) for one in part) if hasty else part
+        for part in (bench.split.fit, bench.split.select)
+    )
+    problem, chosen = bench.problem(fit, *more), bench.problem(select, *more)
+    minimum = minimise(problem, refit.vector, doubts, refit.outer, refit.roughly)
+    chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
+    share = degrees(bench.split.select) / degrees(select)
+    return State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, chi2 * share)
+
+
+def without(bench: Bench, state: State, old: Effect) -> State:
+    """The model refitted without one of its effects."""
+    keep = [k for k, e in enumerate(state.effects) if not same(e, old)]
+    slots = np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects])[:-1])
+    use = np.concatenate([slots[k] for k in keep]) if keep else np.zeros(0, dtype=int)
+    base = state.problem.base
+    vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][use]])
+    effects, scales, limits = (
+        tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use), tuple(state.limits[k] for k in use)
+    )  # fmt: skip
+    return fitted(bench, Refit(vector, effects, scales, limits))
+
+
+def same(a: Effect, b: Effect) -> bool:
+    return (a.name, a.joint, a.port) == (b.name, b.joint, b.port)
+
+
+def excess(bench: Bench, state: State) -> float:
+    """chi^2 per degree of freedom on the choosing records."""
+    return state.select / max(degrees(bench.split.select), 1)
