@@ -17,6 +17,7 @@ from ident.effects.learned import VARIABLES, learned, variable
 from ident.errors import IdentError
 from ident.forked import forked
 from ident.frf import Complex
+from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
 
 #: Orders [per revolution] at which cogging, ripple and gear errors are looked for, and how many of them are scored.
@@ -26,7 +27,11 @@ SMALL = 1e-3
 #: Frequencies over the band, stiffnesses, and peaks of the residual at which something on a spring is looked for.
 FREQUENCIES, STIFFNESSES, PEAKS = 16, 6, 4
 #: Knots of a learned curve.
-KNOTS = 9
+KNOTS = 17
+#: Highest order [per rad of the motor] of a wave of a curve that repeats itself, its harmonics; at how many places such curves
+#: are looked for, peaks there, harmonics that a peak may be, and curves a turn.
+#: A short period is taken that does this share of what the best one does.
+HIGHEST, HARMONICS, REPEATING, PEAKS_OF_WAVES, MULTIPLES, WHOLE, AS_WELL = 30.0, 6, 3, 4, 4, 12, 0.97
 #: Largest change from one record to the next from which a fit starts.
 CHANGE = 0.1
 #: A first-order size beyond these factors of the one tried says that another one is meant.
@@ -182,7 +187,7 @@ def _shapes(lin: Linearised, kind: type[Effect], joint: int | None, unit: Sequen
             options.append((0.0,))
         elif p.name == "order":
             assert joint is not None
-            options.append(_orders(lin, kind, joint, unit))
+            options.append(_orders(lin, kind, joint))
         elif p.name == "record":
             options.append(tuple(one.index + 1.0 for one in lin.problem.data[1:]))
         elif p.name == "frequency":
@@ -229,29 +234,15 @@ def _one_of_two(kind: type[Effect]) -> bool:
     return len(kind.parameters) > 1
 
 
-def _orders(lin: Linearised, kind: type[Effect], joint: int, unit: Sequence[float]) -> tuple[float, ...]:
-    """The orders whose sine and cosine lie best along the residual, in the records where the joint moves most."""
-    own = [k for k, one in enumerate(lin.problem.data) if one.excited == joint]
-    names = [p.name for p in kind.parameters]
-    if not own or "phase" not in names:
+def _orders(lin: Linearised, kind: type[Effect], joint: int) -> tuple[float, ...]:
+    """The orders whose waves lie best along the residual, in the records that excite the joint."""
+    if "phase" not in [p.name for p in kind.parameters]:
         return (1.0,)
-    sensor = kind.reading is not Effect.reading
-    port = "sensor" if sensor else kind.port
-    scores = []
-    for order in ORDERS:
-        top = 0.0
-        bottom = 1e-300
-        for k in own:
-            scene, motion = lin.problem.data[k].scene, lin.motions[_side(kind.port)][k]
-            wave = np.exp(1j * order * motion.theta[:, joint])
-            F = scene.at_lines(np.stack([wave.real, wave.imag], axis=1))
-            B = lin.ports[k][port, joint][:, :, None] * F[:, None, :]
-            b = (B.conj().reshape(-1, 2).T @ lin.r[k].ravel()).real
-            own_square = np.einsum("lmi,lmi->i", B.conj(), B).real
-            top += float(np.sum(b**2 / np.maximum(own_square, 1e-300)))
-            bottom += 1.0
-        scores.append(top / bottom)
-    best = np.argsort(scores)[::-1][:BEST_ORDERS]
+    port = "sensor" if kind.reading is not Effect.reading else kind.port
+    seen = spectrum(lin, port, "motor", joint, float(ORDERS[-1]) + 0.5, 0.5)
+    if seen is None:
+        return (1.0,)
+    best = np.argsort(seen.at(np.array(ORDERS, dtype=float)))[::-1][:BEST_ORDERS]
     return tuple(float(ORDERS[k]) for k in best)
 
 
@@ -317,21 +308,27 @@ def bounds(parameter: Parameter, unit: float) -> tuple[float, float]:
 
 
 def curves(lin: Linearised) -> list[Candidate]:
-    """Learned curves at every port of every joint, of every variable, best first."""
-    found = []
+    """Learned curves at every port of every joint, of every variable, and of positions that repeat, best first."""
+    found: list[Candidate | None] = []
+    waves: list[tuple[float, str, int, str, Spectrum]] = []
     for joint in range(lin.problem.n):
         for port in ("motor", "spring", "link"):
             for name in VARIABLES:
                 if port == "spring" and name in ("torque", "friction"):
                     continue  # the spring's torque is its deflection
-                candidate = _curve(lin, port, joint, name)
-                if candidate is not None:
-                    found.append(candidate)
-    return sorted(found, key=lambda c: -c.gain)
+                found.append(_curve(lin, port, joint, name))
+                if port != "spring" and name in ("position", "friction"):
+                    highest = HIGHEST * (1.0 if port == "motor" else float(abs(lin.problem.data[0].scene.N[joint])))
+                    seen = spectrum(lin, port, port, joint, highest, dry=name == "friction")
+                    if seen is not None:
+                        waves.append((float(seen.fall.max()), port, joint, name, seen))
+    for _, port, joint, name, seen in sorted(waves, key=lambda wave: -wave[0])[:REPEATING]:
+        found.append(_repeating(lin, port, joint, name, seen))
+    return sorted((c for c in found if c is not None), key=lambda c: -c.gain)
 
 
 def _curve(lin: Linearised, port: str, joint: int, name: str) -> Candidate | None:
-    """One learned curve, knots at quantiles of what the records cover."""
+    """One learned curve, knots between quantiles of what the records cover and an even spread."""
     here = [variable(m.state(joint), port, name)[0] for m, one in zip(lin.motions[port], lin.problem.data, strict=True)
             if joint in one.scene.arm.live]  # fmt: skip
     if not here:
@@ -345,10 +342,40 @@ def _curve(lin: Linearised, port: str, joint: int, name: str) -> Candidate | Non
     knots = np.sort(0.5 * (spread + even))
     if np.any(np.diff(knots) <= 1e-9 * (high - low)):
         knots = even
-    kind = learned(port, name, knots.tolist())
-    columns = [added(lin, kind(joint, tuple(row))) for row in np.eye(KNOTS).tolist()]
-    if all(column is None for one in columns for column in one):
+    return _drawn(lin, learned(port, name, knots.tolist()), joint)
+
+
+def _repeating(lin: Linearised, port: str, joint: int, name: str, seen: Spectrum) -> Candidate | None:
+    """The curve of position that repeats itself and fits best: a peak of the spectrum is a harmonic of it, or it is a whole
+    part of a turn; of those that fit as well the shortest."""
+    orders = [peak / k for peak in seen.peaks(PEAKS_OF_WAVES) for k in range(1, MULTIPLES + 1)]
+    orders += [float(k) for k in range(1, WHOLE + 1)] if port == "motor" else []
+    count = 2 * HARMONICS + 1
+    found = []
+    for order in sorted(orders):
+        if order >= seen.orders[0]:
+            period = 2.0 * np.pi / order
+            one = _drawn(lin, learned(port, name, (period * np.arange(count) / count).tolist(), period), joint)
+            found += [] if one is None else [one]
+    most = max((one.gain for one in found), default=0.0)
+    return next((one for one in reversed(found) if one.gain >= AS_WELL * most), None)
+
+
+def _drawn(lin: Linearised, kind: type[Effect], joint: int) -> Candidate | None:
+    """The curve of this kind whose heights fit best to first order."""
+    count = len(kind.parameters)
+    units = [kind(joint, tuple(row)) for row in np.eye(count).tolist()]
+    columns: list[list[Complex | None]] = [[] for _ in units]
+    for one, motion, ports in zip(lin.problem.data, lin.motions[kind.port], lin.ports, strict=True):
+        if joint not in one.scene.arm.live:
+            for column in columns:
+                column.append(None)
+            continue
+        law = np.stack([np.asarray(unit.force(motion)) for unit in units], axis=1)
+        for column, force in zip(columns, one.scene.at_lines(law).T, strict=True):
+            column.append(ports[kind.port, joint] * force[:, None] if np.any(force) else None)
+    if all(part is None for column in columns for part in column):
         return None
     heights, gain = lin.step(columns)
     size = max(float(np.abs(heights).max()), 1e-300)
-    return Candidate(kind(joint, tuple(heights.tolist())), gain, (size,) * KNOTS) if gain > 0.0 else None
+    return Candidate(kind(joint, tuple(heights.tolist())), gain, (size,) * count) if gain > 0.0 else None

@@ -209,7 +209,9 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
         "confounded_with": _confounded(d, e.name, e.joint, [*((t.name, t.joint) for t in added.tied), *as_good]),
     }
     if isinstance(e, Learned):
-        entry["curve"] = {"variable": e.variable, "knots": list(e.knots), "heights": list(e.values), "unit": "Nm"}
+        entry["curve"] = {
+            "variable": e.variable, "knots": list(e.knots), "period": e.period, "heights": list(e.values), "unit": "Nm"
+        }  # fmt: skip
     return entry
 
 

@@ -147,12 +147,19 @@ def _named(effect: dict[str, Any]) -> str:
 
 def _values(effect: dict[str, Any]) -> str:
     if effect["name"] == "unknown":
-        return f"a curve of {effect['curve']['variable']} at the {effect['port']}" if "curve" in effect else "a curve"
+        return _curve(effect["curve"], effect["port"]) if "curve" in effect else "a curve"
     parts = []
     for name, p in effect["parameters"].items():
         std = "" if p["std"] is None else f" +- {p['std']:.2g}"
         parts.append(f"{name} {p['value']:.5g}{std} {p['unit']}".rstrip())
     return ", ".join(parts)
+
+
+def _curve(curve: dict[str, Any], port: str) -> str:
+    """What a learned curve is a function of."""
+    what = {"friction": "dry friction that is a curve of position", "torque": "a curve of the load"}
+    again = f", again every {curve['period']:.4g} rad" if curve.get("period") else ""
+    return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
 
 
 def _place(row: dict[str, Any]) -> str:

@@ -1,30 +1,58 @@
-"""An effect that nobody named: a torque at a port as a curve of what the port does, its heights fitted."""
+"""An effect that nobody named: a torque at a port as a curve of what the port does, its heights fitted.
+
+A curve of a position may repeat itself: magnets, teeth and bent shafts come back every so much of a turn. A record swings
+over a small part of that, but the records of a campaign rest at many places, and together they show a period.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ident.effects.base import Effect, Law, Parameter, State
+from ident.effects.base import Array, Effect, Law, Parameter, State
 from ident.effects.friction import direction
 
 #: What a curve may be a function of; "friction" is one of position, against the motion.
 VARIABLES = ("position", "velocity", "torque", "friction")
+#: Points at which a curve that repeats itself is tabled: straight lines between them are within 1e-3 of it.
+TABLED = 512
 
 
 class Learned(Law):
-    """A torque that follows a curve: straight between `knots` of a `variable` of the port, its heights the parameters."""
+    """A torque that follows a curve of a `variable` of the port, its heights at `knots` the parameters: straight between them.
+
+    With a `period` the curve repeats itself, knots are one period's, evenly spread, and the curve is the smoothest one through
+    them: their Fourier series.
+    """
 
     name = "unknown"
     variable: ClassVar[str]
     knots: ClassVar[tuple[float, ...]]
+    period: ClassVar[float | None]
 
     def law(self, at: State) -> Any:
         x, v = variable(at, self.port, self.variable)
-        height = np.interp(x, self.knots, self.values)
+        if self.period is None:
+            height = np.interp(x, self.knots, self.values)
+        else:
+            height = np.interp(np.mod(x, self.period), *_tabled(self.values, self.period))
         return -height * direction(v, at.N if self.port == "motor" else 1.0) if self.variable == "friction" else height
+
+
+@cache
+def _series(count: int) -> Array:
+    """What every one of an odd `count` of heights, evenly spread over a period, does to the points of the table [T + 1, count]."""
+    x = 2.0 * np.pi * (np.arange(TABLED + 1)[:, None] / TABLED - np.arange(count) / count)
+    orders = np.arange(1, count // 2 + 1)
+    return np.asarray((1.0 + 2.0 * np.cos(x[..., None] * orders).sum(axis=-1)) / count)
+
+
+def _tabled(heights: Sequence[float], period: float) -> tuple[Array, Array]:
+    """Positions and heights of a curve that repeats itself."""
+    return np.linspace(0.0, period, TABLED + 1), _series(len(heights)) @ np.asarray(heights)
 
 
 def variable(at: State, port: str, name: str) -> tuple[Any, Any]:
@@ -34,8 +62,8 @@ def variable(at: State, port: str, name: str) -> tuple[Any, Any]:
     return {"position": x, "velocity": v, "torque": torque, "friction": x}[name], v
 
 
-def learned(port_name: str, variable_name: str, at: Sequence[float]) -> type[Effect]:
-    """The kind of curve with knots `at` for a port: the units of its heights are the port's torque."""
+def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None) -> type[Effect]:
+    """The kind of curve with knots `at` for a port, that `repeats` itself or not: the units of its heights are the port's torque."""
     low, high = -1e3, 1e3
     heights = tuple(
         Parameter(f"height_{k + 1}", "Nm", low, high, (0.0,), linear=True, relative="torque") for k in range(len(at))
@@ -45,6 +73,8 @@ def learned(port_name: str, variable_name: str, at: Sequence[float]) -> type[Eff
         port = port_name
         parameters = heights
         variable = variable_name
+        dry = variable_name == "friction"
         knots = tuple(float(x) for x in at)
+        period = repeats
 
     return Curve

@@ -116,7 +116,7 @@ def test_whole_numbers_have_no_deviation_and_curves_tell_themselves(file):
             assert [p["std"] for p in told["parameters"].values()] == [0.1, None, 0.2]
         else:
             assert told["name"] == "unknown" and told["curve"]["variable"] == "position"
-            assert told["curve"]["knots"] == [-1.0, 0.0, 1.0]
+            assert told["curve"]["knots"] == [-1.0, 0.0, 1.0] and told["curve"]["period"] is None
 
 
 def test_what_is_left_is_told_where_it_acts(file):

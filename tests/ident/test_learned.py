@@ -1,0 +1,115 @@
+"""Curves that nobody named: they go through their heights, repeat where they should, and are found in records with their period."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from outside import OUTSIDE
+
+from ident.arm_fit import evidence, gravity_basis, hold, minimise
+from ident.bench import simulate
+from ident.candidates import curves
+from ident.coupled import declared_start, problem_of
+from ident.effects.base import Effect, Law, State
+from ident.effects.learned import learned
+from ident.frf import estimate
+from ident.periods import spectrum
+from ident.trace import Linearised, linearise
+from symgen.plan import chain_of_robot, make_model, plan_of_robot
+from symgen.robot import load_robot
+
+ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
+#: One record at each rest of the joint: 150 rad of the motor apart, all within 2 rad each.
+JOINT, RESTS = 1, (-1.1, -0.2, 0.31, 1.3)
+TEETH = 3.0
+
+
+def state(theta: object, omega: object = 1.0) -> State:
+    return State(theta, omega, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 100.0, 5000.0)
+
+
+def test_a_curve_is_straight_between_its_knots() -> None:
+    kind = learned("motor", "position", [-1.0, 0.0, 2.0])
+    law = kind(0, (1.0, 3.0, -1.0))
+    assert isinstance(law, Law)
+    np.testing.assert_allclose(law.law(state(np.array([-1.5, -0.5, 0.0, 1.0, 9.0]))), [1.0, 2.0, 3.0, 1.0, -1.0])
+
+
+def test_a_curve_that_repeats_is_the_fourier_series_of_its_heights() -> None:
+    """To 1e-3: the table between whose points lines are straight, at the sixth harmonic."""
+    period, order = 0.7, 2.0 * np.pi / 0.7
+    rng = np.random.default_rng(2)
+    a, b = rng.normal(size=(2, 6))
+
+    def series(x: np.ndarray) -> np.ndarray:
+        k = order * np.arange(1, 7)
+        return 0.3 + np.cos(np.multiply.outer(x, k)) @ a + np.sin(np.multiply.outer(x, k)) @ b
+
+    knots = period * np.arange(13) / 13
+    law = learned("motor", "position", knots.tolist(), period)(0, tuple(series(knots).tolist()))
+    assert isinstance(law, Law)
+    x = rng.uniform(-40.0, 40.0, 500)
+    found = law.law(state(x))
+    np.testing.assert_allclose(found, series(x), atol=1e-3 * np.abs(found).max())
+    assert float(law.law(state(float(x[0])))) == pytest.approx(found[0], rel=1e-12)
+
+
+def test_friction_by_position_is_against_the_motion_and_is_found_with_it() -> None:
+    kind = learned("motor", "friction", [0.0, 1.0])
+    law = kind(0, (2.0, 4.0))
+    assert isinstance(law, Law)
+    np.testing.assert_allclose(law.law(state(0.5, np.array([5.0, -5.0]))), [-3.0, 3.0])
+    assert kind.dry and not learned("motor", "position", [0.0, 1.0]).dry
+
+
+@cache
+def left(name: str, *values: float) -> Linearised:
+    """What the declared arm leaves of short records with an effect that is in no catalogue."""
+    chain = chain_of_robot(SHORT)
+    rest = np.array(plan_of_robot(SHORT).cells[0].q)
+    cells = []
+    for angle in RESTS:
+        q = rest.copy()
+        q[JOINT] = angle
+        cells.append((chain.names[JOINT], q))
+    c = simulate(chain, SHORT, cells, effects=[OUTSIDE[name](JOINT, values)], workers=1, seed=3)
+    model = make_model(chain, believe_zeros=True)
+    basis = gravity_basis(model, c.gravity)
+    responses = tuple(estimate(record, c) for record in c.records)
+    data = tuple(evidence(c, model, basis, frf, k, "every") for k, frf in enumerate(responses))
+    start = declared_start(c, model, responses, basis)
+    problem = problem_of(c, model, basis, data, start)
+    found = minimise(problem, start.vector(), (), 2, roughly=0.01)
+    return linearise(problem, found.vector, hold(problem, found.vector))
+
+
+def test_a_spectrum_is_what_each_wave_explains() -> None:
+    """Against the sum over all lines, wave by wave; to 5 %, cells of positions being an eighth of the shortest wave."""
+    lin = left("detent", 2e-3, TEETH, 0.4)
+    seen = spectrum(lin, "motor", "motor", JOINT, 20.0)
+    assert seen is not None
+    for order in seen.peaks(3):
+        top, bottom = 0.0 + 0.0j, 0.0
+        for one, r, ports, motion in zip(lin.problem.data, lin.r, lin.ports, lin.motions["motor"], strict=True):
+            for part, unit in ((np.cos, 1.0), (np.sin, 1.0j)):
+                wave = ports["motor", JOINT] * one.scene.at_lines(part(order * motion.theta[:, [JOINT]]))
+                top += unit * float(np.vdot(wave, r).real)
+                bottom += 0.5 * float(np.vdot(wave, wave).real)
+        k = int(np.argmin(np.abs(seen.orders - order)))
+        assert seen.fall[k] == pytest.approx(2.0 * abs(top) ** 2 / bottom, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "variable"),
+    [("detent", (2e-3, TEETH, 0.4), "position"), ("place-friction", (3e-4, TEETH), "friction")],
+)
+def test_a_law_that_comes_back_is_found_with_its_period(name: str, values: tuple[float, ...], variable: str) -> None:
+    best = curves(left(name, *values))[0].effect
+    kind: type[Effect] = type(best)
+    assert (best.joint, best.port, kind.variable) == (JOINT, "motor", variable)  # type: ignore[attr-defined]
+    assert kind.period == pytest.approx(2.0 * np.pi / TEETH, rel=1e-3)  # type: ignore[attr-defined]
