@@ -213,16 +213,22 @@ def _round(bench: Bench, state: State, first: float, progress: Callable[[str], N
     drawn = [pair for pair in tried if pair[0].effect.name == "unknown"]
     for kind in (named, drawn):
         kind.sort(key=lambda pair: pair[1].select)
-    finalists = named[:FINALISTS] + drawn[:1]
-    polished = all_fitted(bench, [Refit.of(new) for _, new in finalists])
-    better = [(candidate, new) for (candidate, _), new in zip(finalists, polished, strict=True)]
-    named[:FINALISTS], drawn[:1] = better[: len(named[:FINALISTS])], better[len(named[:FINALISTS]) :]
+    count = FINALISTS
+    if (
+        named and named[0][1].select > CLOSE**2 * dof
+    ):  # none is near: what promised most may have been far from its place
+        surest = sorted(named[FINALISTS:], key=lambda pair: -pair[0].gain)[:FINALISTS]
+        named = named[:FINALISTS] + surest + [pair for pair in named[FINALISTS:] if pair not in surest]
+        count += len(surest)
+    polished = all_fitted(bench, [Refit.of(new) for _, new in named[:count] + drawn[:1]])
+    better = [(candidate, new) for (candidate, _), new in zip(named[:count] + drawn[:1], polished, strict=True)]
+    named[:count], drawn[:1] = better[: len(named[:count])], better[len(named[:count]) :]
     tried = named + drawn
     best = _plainest(named, dof)
     curve = min(drawn, key=lambda pair: pair[1].select, default=None)
     if best is None or (curve is not None and _much_better(bench, curve[1].select - dof, best[1])):
         best = curve
-    if best is None:
+    if best is None or not np.isfinite(best[1].select):
         return None
     best = (best[0], _since(bench, fitted(bench, replace(Refit.of(best[1]), outer=FULLY))))
     less = without(bench, best[1], best[1].effects[-1])  # what is gained by a better fit is no gain of the effect
@@ -233,7 +239,8 @@ def _round(bench: Bench, state: State, first: float, progress: Callable[[str], N
         return None
     report = bench.split.report
     winner = best[0].key
-    rivals = sorted((pair for pair in tried if pair[0].key != winner), key=lambda pair: pair[1].select)
+    others = [pair for pair in tried if pair[0].key != winner and np.isfinite(pair[1].select)]
+    rivals = sorted(others, key=lambda pair: pair[1].select)
     entry = Added(
         effect=best[1].effects[-1],
         std=(),
@@ -241,7 +248,7 @@ def _round(bench: Bench, state: State, first: float, progress: Callable[[str], N
         after=errors(bench, best[1], report).all,
         gain=gain,
         excess=before,
-        rivals=tuple((pair[1].effects[-1], errors(bench, pair[1], report).all) for pair in rivals[:3]),
+        rivals=tuple((pair[1].effects[-1], error) for pair in rivals[:3] if (error := _error(bench, pair[1])) < np.inf),
         tied=tuple(
             pair[1].effects[-1] for pair in rivals
             if pair[1].select < best[1].select + TIE + ALIKE * max(best[1].select - dof, 0.0) and pair[0].effect.name != "unknown"
@@ -249,6 +256,14 @@ def _round(bench: Bench, state: State, first: float, progress: Callable[[str], N
         port_shares=shares,
     )  # fmt: skip
     return best[1], entry
+
+
+def _error(bench: Bench, state: State) -> float:
+    """The relative error of a model on the records that report; infinite where its response is no number."""
+    try:
+        return errors(bench, state, bench.split.report).all
+    except (ValueError, np.linalg.LinAlgError):
+        return float(np.inf)
 
 
 def _plainest(named: Sequence[tuple[Candidate, State]], dof: int) -> tuple[Candidate, State] | None:

@@ -100,8 +100,12 @@ def fitted(bench: Bench, refit: Refit, doubts: Sequence[float] = ()) -> State:
         for part in (bench.split.fit, bench.split.select)
     )
     problem, chosen = bench.problem(fit, *more), bench.problem(select, *more)
-    minimum = minimise(problem, refit.vector, doubts, refit.outer, refit.roughly)
-    chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
+    try:
+        minimum = minimise(problem, refit.vector, doubts, refit.outer, refit.roughly)
+        chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
+    except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
+        nothing = np.zeros((len(refit.vector), len(refit.vector)))
+        minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
     share = degrees(bench.split.select) / degrees(select)
     return State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, chi2 * share)
 
