@@ -40,7 +40,8 @@ class Scene:
     The motion is that of the lines `beyond` the band (lines [H], tau, theta [H, m]), too: dry friction moves a joint there.
 
     `noise` [2, m] are the rms errors of tau and theta at a line. `means` [2, n] of torques [N m] and motor angles [rad] and `posture` [n] are those of all joints. `slopes` are
-    (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by. `chain` the declared links.
+    (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by. `creeping` [n, rad/s]
+    are the mean velocities of the motors, on their way to where they rest. `chain` the declared links.
     """
 
     arm: Posture
@@ -57,6 +58,7 @@ class Scene:
     N: Array
     beyond: tuple[NDArray[np.int64], Complex, Complex]
     slopes: tuple[Array, Array] | None = None
+    creeping: Array | None = None
     chain: Chain | None = None
     oversampled: int = OVERSAMPLED
 

@@ -161,6 +161,7 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
         N=campaign.N,
         beyond=(band.beyond[0], band.beyond[1][:, live], band.beyond[2][:, live]),
         slopes=_slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
+        creeping=campaign.N * frf.drift * band.f0 / max(frf.periods - 1, 1),
         chain=model.chain,
     )
     one = 2.0 * (BINS - ORDER)

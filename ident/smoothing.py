@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -26,12 +27,12 @@ SWEEPS = 3
 #: They agree when they change by less than this share.
 SAME = 1e-4
 #: Steps towards a force that follows from a position; towards one that stops what moves it, the change that ends them, and
-#: the resistance [of the median one of the port] that damps them.
-STEPS, TURNS, SETTLED, DAMPED = 20, 60, 1e-4, 0.5
+#: resistances [of the median one of the port] that damp them, tried by turns.
+STEPS, TURNS, SETTLED, DAMPED = 20, 60, 1e-4, (0.5, 2.0, 0.125)
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
 #: chi^2 per degree of freedom below which no other force is looked for.
-EXPLAINED = 1.3
+EXPLAINED = 2.0
 #: Steps to the velocity at which a law has a force, each along a tangent as wide as this share of the velocities.
 TANGENTS, TANGENT = 12, 1e-6
 
@@ -117,11 +118,15 @@ def _sliding(
         return np.asarray(-N * sum(law.law(moved) for law in laws), dtype=float)
 
     v0, Y = arm.rate(key, on)
-    g = DAMPED / float(np.median(np.abs(Y)))
     measured = getattr(state, name)
+    gear = 1.0 if port == "motor" else float(scene.N[joint])
+    creep = 0.0 if scene.creeping is None else float(scene.creeping[joint]) / gear
     best, free, least = start, np.ones(scene.samples), np.inf
-    for w in (friction(measured) + g * measured, scene.in_time((g * v0 - start.lines)[:, None])[:, 0]):
-        force, slope = _in_turns(scene, friction, g, v0, Y, w, turns)
+    alone = scene.in_time(np.stack([v0, start.lines], axis=1))
+    for times, from_measured in product(DAMPED, (True, False)):
+        g = times / float(np.median(np.abs(Y)))
+        w = friction(measured) + g * measured if from_measured else g * alone[:, 0] - alone[:, 1]
+        force, slope = _in_turns(scene, friction, g, v0, Y, w, turns, creep)
         misfit = arm.misfit(on | {key: on[key].plus(force)})
         if misfit < least:
             best, free, least = force, g / (g + np.maximum(slope, 0.0)), misfit
@@ -131,7 +136,14 @@ def _sliding(
 
 
 def _in_turns(
-    scene: Scene, friction: Callable[[Array], Array], g: float, v0: Complex, Y: Complex, w: Array, turns: int
+    scene: Scene,
+    friction: Callable[[Array], Array],
+    g: float,
+    v0: Complex,
+    Y: Complex,
+    w: Array,
+    turns: int,
+    mean_rate: float = 0.0,
 ) -> tuple[Force, Array]:
     """The force of `friction` where v = v0 - Y friction(v), from w = friction(v) + g v; and the slope of friction [S] there."""
     v = w / g
@@ -144,7 +156,7 @@ def _in_turns(
         v_lines = (v0 - Y * left) / (1.0 + g * Y)
         force, mean = left + g * v_lines, float(f.mean())
         before = w  # a constant torque moves nothing for ever: what is needed is there
-        w = scene.in_time((force + g * v_lines)[:, None])[:, 0] + mean
+        w = scene.in_time((force + g * v_lines)[:, None])[:, 0] + mean + g * mean_rate
         if np.std(w - before) < SETTLED * np.std(w):
             break
     return Force(-force, -mean), slope
