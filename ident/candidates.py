@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -26,12 +26,12 @@ ORDERS, BEST_ORDERS = tuple(range(1, 101)), 2
 SMALL = 1e-3
 #: Frequencies over the band, stiffnesses, and peaks of the residual at which something on a spring is looked for.
 FREQUENCIES, STIFFNESSES, PEAKS = 16, 6, 4
-#: Knots of a learned curve.
-KNOTS = 17
+#: Knots of a learned curve: many where each record covers all of it, few for a position, of which records see parts.
+KNOTS = {"velocity": 17, "torque": 17, "deflection": 17, "position": 9, "friction": 9}
 #: Highest order [per rad of the motor] of a wave of a curve that repeats itself, its harmonics; at how many places such curves
-#: are looked for, peaks there, harmonics that a peak may be, and curves a turn.
-#: A short period is taken that does this share of what the best one does.
-HIGHEST, HARMONICS, REPEATING, PEAKS_OF_WAVES, MULTIPLES, WHOLE, AS_WELL = 30.0, 6, 3, 4, 4, 12, 0.97
+#: are looked for, peaks there, harmonics that a peak may be, and whole parts
+#: of a turn that are tried: one is preferred that does this share of what others do.
+HIGHEST, HARMONICS, REPEATING, PEAKS_OF_WAVES, MULTIPLES, WHOLE, AS_WELL = 30.0, 6, 3, 4, 4, 12, 0.9
 #: Largest change from one record to the next from which a fit starts.
 CHANGE = 0.1
 #: A first-order size beyond these factors of the one tried says that another one is meant.
@@ -337,8 +337,9 @@ def _curve(lin: Linearised, port: str, joint: int, name: str) -> Candidate | Non
     low, high = np.quantile(x, [0.0, 1.0])
     if not high > low:
         return None
-    spread: Array = np.quantile(x, np.linspace(0.0, 1.0, KNOTS))
-    even = np.linspace(low, high, KNOTS)
+    count = KNOTS["deflection" if port == "spring" and name == "position" else name]
+    spread: Array = np.quantile(x, np.linspace(0.0, 1.0, count))
+    even = np.linspace(low, high, count)
     knots = np.sort(0.5 * (spread + even))
     if np.any(np.diff(knots) <= 1e-9 * (high - low)):
         knots = even
@@ -346,19 +347,18 @@ def _curve(lin: Linearised, port: str, joint: int, name: str) -> Candidate | Non
 
 
 def _repeating(lin: Linearised, port: str, joint: int, name: str, seen: Spectrum) -> Candidate | None:
-    """The curve of position that repeats itself and fits best: a peak of the spectrum is a harmonic of it, or it is a whole
-    part of a turn; of those that fit as well the shortest."""
-    orders = [peak / k for peak in seen.peaks(PEAKS_OF_WAVES) for k in range(1, MULTIPLES + 1)]
-    orders += [float(k) for k in range(1, WHOLE + 1)] if port == "motor" else []
+    """The curve of position that repeats itself and fits best: a whole part of a turn, or a peak of the spectrum is a harmonic
+    of it, if that is much better."""
     count = 2 * HARMONICS + 1
-    found = []
-    for order in sorted(orders):
-        if order >= seen.orders[0]:
-            period = 2.0 * np.pi / order
-            one = _drawn(lin, learned(port, name, (period * np.arange(count) / count).tolist(), period), joint)
-            found += [] if one is None else [one]
-    most = max((one.gain for one in found), default=0.0)
-    return next((one for one in reversed(found) if one.gain >= AS_WELL * most), None)
+
+    def drawn(orders: Iterable[float]) -> Candidate | None:
+        periods = [2.0 * np.pi / order for order in orders if order >= seen.orders[0]]
+        found = (_drawn(lin, learned(port, name, (p * np.arange(count) / count).tolist(), p), joint) for p in periods)
+        return max((one for one in found if one is not None), key=lambda one: one.gain, default=None)
+
+    whole = drawn(float(k) for k in range(1, WHOLE + 1)) if port == "motor" else None
+    other = drawn(peak / k for peak in seen.peaks(PEAKS_OF_WAVES) for k in range(1, MULTIPLES + 1))
+    return whole if whole and (other is None or whole.gain > AS_WELL * other.gain) else other
 
 
 def _drawn(lin: Linearised, kind: type[Effect], joint: int) -> Candidate | None:
@@ -377,5 +377,6 @@ def _drawn(lin: Linearised, kind: type[Effect], joint: int) -> Candidate | None:
     if all(part is None for column in columns for part in column):
         return None
     heights, gain = lin.step(columns)
+    heights = np.maximum(heights, kind.parameters[0].low)
     size = max(float(np.abs(heights).max()), 1e-300)
     return Candidate(kind(joint, tuple(heights.tolist())), gain, (size,) * count) if gain > 0.0 else None

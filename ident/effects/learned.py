@@ -64,7 +64,7 @@ def variable(at: State, port: str, name: str) -> tuple[Any, Any]:
 
 def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None) -> type[Effect]:
     """The kind of curve with knots `at` for a port, that `repeats` itself or not: the units of its heights are the port's torque."""
-    low, high = -1e3, 1e3
+    low, high = 0.0 if variable_name == "friction" else -1e3, 1e3  # friction gives nothing back
     heights = tuple(
         Parameter(f"height_{k + 1}", "Nm", low, high, (0.0,), linear=True, relative="torque") for k in range(len(at))
     )
@@ -73,7 +73,6 @@ def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: fl
         port = port_name
         parameters = heights
         variable = variable_name
-        dry = variable_name == "friction"
         knots = tuple(float(x) for x in at)
         period = repeats
 

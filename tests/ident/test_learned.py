@@ -59,12 +59,12 @@ def test_a_curve_that_repeats_is_the_fourier_series_of_its_heights() -> None:
     assert float(law.law(state(float(x[0])))) == pytest.approx(found[0], rel=1e-12)
 
 
-def test_friction_by_position_is_against_the_motion_and_is_found_with_it() -> None:
+def test_friction_by_position_is_against_the_motion_and_gives_nothing_back() -> None:
     kind = learned("motor", "friction", [0.0, 1.0])
     law = kind(0, (2.0, 4.0))
     assert isinstance(law, Law)
     np.testing.assert_allclose(law.law(state(0.5, np.array([5.0, -5.0]))), [-3.0, 3.0])
-    assert kind.dry and not learned("motor", "position", [0.0, 1.0]).dry
+    assert [p.low for p in kind.parameters] == [0.0, 0.0]
 
 
 @cache
@@ -112,4 +112,7 @@ def test_a_law_that_comes_back_is_found_with_its_period(name: str, values: tuple
     best = curves(left(name, *values))[0].effect
     kind: type[Effect] = type(best)
     assert (best.joint, best.port, kind.variable) == (JOINT, "motor", variable)  # type: ignore[attr-defined]
-    assert kind.period == pytest.approx(2.0 * np.pi / TEETH, rel=1e-3)  # type: ignore[attr-defined]
+    times = kind.period / (2.0 * np.pi / TEETH)  # type: ignore[attr-defined]
+    assert (
+        times == pytest.approx(round(times), rel=1e-3) and 1 <= round(times) <= 3
+    )  # so often, within a turn of the motor
