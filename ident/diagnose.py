@@ -33,7 +33,7 @@ REFITTED, CURVES = (6, 40), 2
 #: Half of them whatever they promise, as a promise is of first order; as many as make this many numbers to be fitted.
 EFFORT = 1.5e5
 #: Candidates taken over from the declared arm.
-SURELY = 4
+SURELY = 6
 #: Candidates fitted to the end before one is chosen.
 FINALISTS = 3
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
