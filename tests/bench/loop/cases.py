@@ -208,7 +208,7 @@ def shows(case: Case, campaign: Campaign) -> tuple[float, float]:
     data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
     start = declared_start(campaign, model, responses, basis)
     problem, vector = problem_of(campaign, model, basis, data, start), start.vector()
-    fits = [minimise(problem, vector, doubts, 2, roughly=True).vector for doubts in ((), DOUBTS)]
+    fits = [minimise(problem, vector, doubts, 2, roughly=0.01).vector for doubts in ((), DOUBTS)]
     refitted = min(fits, key=lambda v: chi_squared(problem, v, hold(problem, v)))
     return _largest(problem, refitted), _largest(problem, vector)
 
