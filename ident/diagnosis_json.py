@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.artefacts import artefacts
 from ident.campaign import Campaign
 from ident.confounded import NEVER, Separation, never_told_apart, separation
 from ident.coupled import degrees_of_freedom, uncertainty
@@ -310,11 +311,12 @@ def _alpha(model: Model, state: State) -> dict[str, Any]:
 
 def unexplained(d: Diagnosis) -> list[dict[str, Any]]:
     """What stays, band by band, largest first: where a free force would explain most of it, else where it is measured; odd
-    and even lines (None where the excited ones alone tell and are of both kinds)."""
+    and even lines (None where the excited ones alone tell and are of both kinds); torques `unmoved` that no motion follows."""
     bands = list(dict.fromkeys((one.low, one.high) for one in d.departures))
     if not bands:
         return []
     odd_only = all(bool(np.all(record.lines % 2)) for record in d.campaign.records)
+    unmoved = artefacts(d, bands)
     rows = []
     for (low, high), source in zip(bands, sources(d, bands), strict=True):
         here = [one for one in d.departures if (one.low, one.high) == (low, high)]
@@ -333,6 +335,10 @@ def unexplained(d: Diagnosis) -> list[dict[str, Any]]:
                 "chi2_per_dof": max(one.level for one in here),
                 "measured_at": sorted({d.campaign.joints[one.joint] for one in here}),
                 "source_share": source.share if source else None,
+                "unmoved": [
+                    {"joint": d.campaign.joints[one.joint], "lines": "even" if one.even else "odd", "torque_share": one.share,
+                     "left_without": one.left} for one in unmoved if (one.low, one.high) == (low, high)
+                ],
             }
         )  # fmt: skip
     return sorted(rows, key=lambda row: -float(row["share"]))

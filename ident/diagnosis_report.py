@@ -33,6 +33,7 @@ def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
             v=verdict,
             sentence=sentence(verdict),
             detail=detail(verdict),
+            artefacts=sensor_artefacts(verdict),
             picture=Markup(before_after_figure(shown)) if shown else None,
             picture_record=ids[shown.record] if shown else "",
             picture_joint=d.campaign.joints[shown.joint] if shown else "",
@@ -120,10 +121,21 @@ def text(verdict: dict[str, Any], brief: bool = False) -> str:
                 for row in verdict["unexplained"][: 3 if brief else None]
             ),
         ]
+        lines += sensor_artefacts(verdict)
     worst = _worst(verdict)
     if worst and verdict["effects"]:
         lines += ["", f"J(q) without the effects: {worst[1]} off by {_percent(worst[0])} rms over the workspace."]
     return "\n".join(lines)
+
+
+def sensor_artefacts(verdict: dict[str, Any]) -> list[str]:
+    """A line for every torque that was read and moved nothing."""
+    return [
+        f"Sensor artefact: torque of {one['joint']} at the {one['lines']} lines, {row['band_hz'][0]:g}-{row['band_hz'][1]:g} Hz "
+        f"({_percent(one['torque_share'])} of that at the excited ones): no motion follows it; or its controller cancels a force"
+        for row in verdict["unexplained"]
+        for one in row.get("unmoved", ())
+    ]
 
 
 def _worst(verdict: dict[str, Any]) -> tuple[float, str] | None:
