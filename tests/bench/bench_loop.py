@@ -39,6 +39,8 @@ from symgen.plan import model_of_urdf
 
 COUNTS = {"clean": 100, "one": 156, "two": 52, "outside": 56}
 RESULTS = HERE / "RESULTS_LOOP.md"
+#: One case in so many, on the average, is of a given robot and effect.
+RAREST = 400
 #: What makes records, and what makes and judges results.
 MAKERS = ("symgen", "draws", "outside", "loop.cases", "ident.effects", *(f"ident.{name}" for name in (
     "bench", "bodies", "delay", "design", "dob", "excitation", "injection", "machine", "plant", "ports", "store")))  # fmt: skip
@@ -67,8 +69,7 @@ def main() -> int:
         return 0
     kinds = [options.only] if options.only else KINDS_OF_CASE
     counts = {kind: options.count if options.count is not None else COUNTS[kind] for kind in kinds}
-    wanted = [case for kind in kinds for case in cases(kind, counts[kind], options.seed)]
-    wanted = [case for case in wanted if options.robot in (None, case.robot) and options.effect in (None, case.name)]
+    wanted = [case for kind in kinds for case in _wanted(kind, counts[kind], options)]
     jobs = [Job(case, records, results, options.keep) for case in wanted if not (results / f"{case.id}.json").exists()]
     jobs.sort(key=lambda job: job.case.robot != "arm6")  # the long ones first: none is waited for at the end
     for done, line in enumerate(in_parallel(result, jobs, options.workers), 1):
@@ -79,6 +80,14 @@ def main() -> int:
     if not (options.only or options.robot or options.effect or options.count is not None):
         write_text(text + failures(found), RESULTS)
     return 0
+
+
+def _wanted(kind: str, count: int, options: argparse.Namespace) -> list[Case]:
+    """The first `count` cases of a kind; where a count of one robot or effect is asked, the first so many that are of it."""
+    some = options.count is not None and (options.robot or options.effect)
+    mine = [case for case in cases(kind, count * RAREST if some else count, options.seed)
+            if options.robot in (None, case.robot) and options.effect in (None, case.name)]  # fmt: skip
+    return mine[:count]
 
 
 def _options() -> argparse.Namespace:
