@@ -84,7 +84,9 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     notes: tuple[str, ...] = ()
     if options.baseline is not None:
         earlier = read_campaign(options.baseline)
-        campaign, notes = declared_by(diagnose(earlier, _model(earlier, options)[0], workers=WORKERS, progress=say), campaign)
+        campaign, notes = declared_by(
+            diagnose(earlier, _model(earlier, options)[0], workers=WORKERS, progress=say), campaign
+        )
     model, more = _model(campaign, options)
     found = diagnose(campaign, model, workers=WORKERS, progress=say)
     out = Path(options.out)

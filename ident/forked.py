@@ -19,7 +19,11 @@ def forked(work: Callable[[In], Out], items: Sequence[In], workers: int) -> Iter
     Results must pickle. An error of `work` is raised here, at its item.
     """
     workers = min(workers, len(items))
-    if workers <= 1 or "fork" not in multiprocessing.get_all_start_methods() or multiprocessing.current_process().daemon:
+    if (
+        workers <= 1
+        or "fork" not in multiprocessing.get_all_start_methods()
+        or multiprocessing.current_process().daemon
+    ):
         yield from map(work, items)
         return
     fork = multiprocessing.get_context("fork")

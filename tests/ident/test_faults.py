@@ -307,7 +307,9 @@ def test_a_stuck_encoder(name: str) -> None:
             changed = one_record(campaign, k, lambda r, j=j: column(r, "theta", j, lambda x: np.full_like(x, x[0])))
             assert only(found(changed), "stuck encoder", joint).record == campaign.records[k].id
         half = one_record(
-            campaign, own, lambda r, j=j: column(r, "theta", j, lambda x: np.where(np.arange(8000) < 5000, x, x[5000]))
+            campaign,
+            own,
+            lambda r, j=j: column(r, "theta", j, lambda x: np.where(np.arange(len(x)) < 5000, x, x[5000])),
         )
         only(found(half), "stuck encoder", joint)
 

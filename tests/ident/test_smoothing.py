@@ -85,7 +85,9 @@ def test_friction_in_turns_is_that_of_an_integrated_mass() -> None:
         return np.asarray(level * np.tanh(v / creep))
 
     Y = 1.0 / (m * scene.s + c)
-    found, slope = _in_turns(scene, friction, 0.5 * float(np.median(1 / np.abs(Y))), Y * u, Y, np.zeros(scene.samples), 400)
+    found, slope = _in_turns(
+        scene, friction, 0.5 * float(np.median(1 / np.abs(Y))), Y * u, Y, np.zeros(scene.samples), 400
+    )
     t = np.arange(scene.samples) / scene.samples
     true = solve_ivp(
         lambda at, v: (push(at) - c * v - friction(v)) / m, (0.0, 11.0), [0.0], t_eval=10.0 + t, method="LSODA",
