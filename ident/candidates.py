@@ -320,7 +320,7 @@ def curves(lin: Linearised) -> list[Candidate]:
                 if port != "spring" and name in ("position", "friction"):
                     highest = HIGHEST * (1.0 if port == "motor" else float(abs(lin.problem.data[0].scene.N[joint])))
                     seen = spectrum(lin, port, port, joint, highest, dry=name == "friction")
-                    if seen is not None:
+                    if seen is not None and seen.fall.size:
                         waves.append((float(seen.fall.max()), port, joint, name, seen))
     for _, port, joint, name, seen in sorted(waves, key=lambda wave: -wave[0])[:REPEATING]:
         found.append(_repeating(lin, port, joint, name, seen))
