@@ -14,8 +14,9 @@ from ident.refits import Bench, State
 
 #: Bands [Hz] in which errors are told, as far as the records reach.
 EDGES = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-#: chi^2 per degree of freedom of a group of lines above which the arm is not explained, and the least of a group's degrees.
-DEPARTURE, LEAST_DOF = 3.0, 40
+#: chi^2 per degree of freedom of a group of lines above which the arm is not explained; more where a group has
+#: fewer degrees than the second, and the least of them.
+DEPARTURE, FULL_DOF, LEAST_DOF = 3.0, 40, 10
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def groups(
                     continue
                 for k, joint in enumerate(one.scene.arm.live.tolist()):
                     level = float(power[use, k].mean() / 2.0)
-                    if level > DEPARTURE:
+                    if level > DEPARTURE * max(1.0, FULL_DOF / (2 * int(use.sum()))):
                         found.append((one.index, joint, low, high, kind, level, float(power[use, k].sum())))
     return found
 

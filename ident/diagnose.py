@@ -19,6 +19,7 @@ from ident.departures import Departure, Errors, departures, errors, groups
 from ident.deviations import Deviation, deviations
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.frf import Frf, estimate
 from ident.parts import Split, degrees, split, split_lines
@@ -41,6 +42,8 @@ LEAST_GAIN, LEAST_SHARE = 40.0, 0.2
 #: A learned curve takes a name's place where it leaves less than this share of what the name leaves; it needs this share of
 #: all that was in excess to be added.
 CURVE_RATIO, CURVE_SHARE = 0.3, 0.05
+#: chi^2 per degree of freedom above which a name leaves something for a curve to explain.
+NAMED = 1.1
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured; below which
 #: nothing more is looked for; and how many times the noise the error may be then.
 LEFT, ENOUGH, CLOSE = 0.03, 3e-3, 3.0
@@ -226,7 +229,8 @@ def _round(bench: Bench, state: State, first: float, progress: Callable[[str], N
     tried = named + drawn
     best = _plainest(named, dof)
     curve = min(drawn, key=lambda pair: pair[1].select, default=None)
-    if best is None or (curve is not None and _much_better(bench, curve[1].select - dof, best[1])):
+    earned = best is not None and state.select - best[1].select > max(LEAST_GAIN, LEAST_SHARE * (state.select - dof))
+    if best is None or (curve is not None and (not earned or _much_better(bench, curve[1].select - dof, best[1]))):
         best = curve
     if best is None or not np.isfinite(best[1].select):
         return None
@@ -282,7 +286,7 @@ def _plainest(named: Sequence[tuple[Candidate, State]], dof: int) -> tuple[Candi
 def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
     """Whether a learned curve, that can play any law of its variable, leaves so much less than a name that the name is wrong."""
     by_name = named.select - degrees(bench.split.select)
-    return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and excess(bench, named) > (CLOSE / 2.0) ** 2
+    return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and excess(bench, named) > NAMED
 
 
 def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> Refit:
@@ -343,4 +347,7 @@ def _std(state: State, effect: Effect) -> tuple[float, ...]:
 
 def _name(effect: Effect) -> str:
     place = "" if effect.joint is None else f" at joint {effect.joint + 1}"
+    if isinstance(effect, Learned):
+        again = "" if effect.period is None else f", again every {effect.period:.4g} rad"
+        return f"{effect.name}{place}: {effect.variable} at the {effect.port}{again}"
     return f"{effect.name}{place} {[float(f'{v:.4g}') for v in effect.values][:4]}"

@@ -61,7 +61,7 @@ def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> 
     for one in data:
         size = np.sqrt(np.diag(model.J_cad(one.scene.posture)))
         J = (model.J_rows(one.scene.posture) / np.outer(size, size)[..., None]).reshape(-1, len(model.names))
-        rows.append(block_diag(J, one.scene.arm.K_rows.reshape(-1, one.scene.arm.K_rows.shape[2])))
+        rows.append(block_diag(J, one.scene.arm.K_rows.reshape(len(one.scene.arm.live) ** 2, -1)))
     scale = np.linalg.norm(np.concatenate(rows), axis=0)
     rows = [row / np.where(scale > 0.0, scale, 1.0) for row in rows]
     while True:

@@ -124,7 +124,7 @@ def without(bench: Bench, state: State, old: Effect) -> State:
 
 
 def same(a: Effect, b: Effect) -> bool:
-    return (a.name, a.joint, a.port) == (b.name, b.joint, b.port)
+    return type(a) is type(b) and a.joint == b.joint
 
 
 def excess(bench: Bench, state: State) -> float:
