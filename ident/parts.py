@@ -32,7 +32,8 @@ def split(data: tuple[Evidence, ...], model: Model) -> Split:
     """Three kinds of record: of each joint's records in turn one reports, one chooses, the others fit, as far as they reach.
 
     Everything about J(q) and gravity that all records show must be shown by those that fit, and every joint excited by one
-    that chooses. Where there are too few records for that, lines take their place: blocks of neighbouring ones by turns.
+    that chooses. Where there are too few records for that, lines take their place: blocks of neighbouring ones by turns, of the second of two
+    records of a joint, else of each.
     """
     kinds = {k: "fit" for k in range(len(data))}
     turn = 0
@@ -48,6 +49,10 @@ def split(data: tuple[Evidence, ...], model: Model) -> Split:
     )
     if report and {one.excited for one in select} == {one.excited for one in data}:
         return Split(fit, select, report, "")
+    if len(data) == 2 and kinds[1] != "fit":
+        block = np.cumsum(data[1].is_excited) // BLOCK % 2
+        note = "two records: choosing and reporting lines are blocks of the second by turns"
+        return Split(data[:1], (lines_of(data[1], block == 0),), (lines_of(data[1], block == 1),), note)
     return split_lines(data, "too few records")
 
 
