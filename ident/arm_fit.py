@@ -214,9 +214,10 @@ def minimise(
 ) -> Minimum:
     """Levenberg-Marquardt, weights made anew at every minimum until that moves nothing; first with `doubts`.
 
-    `roughly` ends each descent where chi^2 falls by less than this share, or after `FEW` steps.
+    `roughly` ends each descent where chi^2 falls by less than this share, or after `FEW` steps, and all of it where one
+    changes chi^2 by less.
     """
-    converged, chi2, information = False, np.inf, np.zeros((len(vector), len(vector)))
+    converged, chi2, last, information = False, np.inf, np.inf, np.zeros((len(vector), len(vector)))
     for doubt in (*doubts, *[0.0] * outer):
         held = hold(problem, vector, doubt)
         chi2, slope, information = normal_equations(problem, vector, held)
@@ -239,9 +240,11 @@ def minimise(
                 settled = True
                 break
         shift = (vector - begin) / problem.scale
-        if not doubt and settled and shift @ information @ shift < (10.0 * SMALL_STEP) ** 2:
+        small = shift @ information @ shift < (10.0 * SMALL_STEP) ** 2
+        if not doubt and settled and (small or abs(last - chi2) < roughly * chi2):
             converged = True
             break
+        last = np.inf if doubt else chi2
     return Minimum(vector, information, chi2, converged)
 
 
