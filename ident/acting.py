@@ -165,10 +165,10 @@ def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | 
     if how is None:
         return linear
     now = signals(scene, effects, how.motion)
-    on = _forces(scene, now, how)
-    for (port, k), (x, line) in _lines(now, how).items():
+    on, lines = _forces(scene, now, how), _lines(now, how)
+    for (port, k), (x, line) in lines.items():
         on[port][:, k] -= line * scene.at_lines(x)
-    linear = _stiffened(scene, linear, _lines(now, how))
+    linear = _stiffened(scene, linear, lines)
     if how.second is not None:
         on["link"] += how.second[np.isin(scene.wide.lines, scene.lines)]
     return replace(
@@ -176,12 +176,10 @@ def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | 
     )
 
 
-def linear_part(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | None) -> Extra:
+def linear_part(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved) -> Extra:
     """Impedances and gains of `effects`, and of the best lines through the laws of positions in a record."""
-    linear = linear_extra(scene, p, effects)
-    if how is None or not how.springy:
-        return linear
-    return _stiffened(scene, linear, _lines(signals(scene, effects, how.motion), how))
+    lines = _lines(signals(scene, effects, how.motion), how)
+    return _stiffened(scene, linear_extra(scene, p, effects), lines)
 
 
 def _lines(now: Mapping[tuple[str, int], Array], how: Moved) -> dict[tuple[str, int], tuple[Array, float]]:
@@ -311,19 +309,34 @@ def _motion(
     A = A / size[:, None, :]
     adjoint = np.swapaxes(A.conj(), 1, 2)
     found = np.linalg.solve(adjoint @ A, adjoint @ b)[..., 0] / size
-    q, spring = found[:, :m], found[:, m:]
+    q, spring = np.asarray(found[:, :m], dtype=complex), np.asarray(found[:, m:], dtype=complex)
 
-    stack = np.stack([theta, s * theta, tau, q, s * q, x - q, s * (x - q), spring], axis=1)
-    periods = scene.in_time(stack).transpose(1, 0, 2)  # 8, S, m
+    return motion_of(scene, p, theta, tau, q, spring, scene.N * scene.means[0], np.zeros(scene.n))
+
+
+def motion_of(
+    scene: Scene,
+    p: Parameters,
+    theta: Complex,
+    tau: Complex,
+    q: Complex,
+    spring: Complex,
+    carried: Array,
+    besides: Array,
+) -> Motion:
+    """The motion of all joints, of what the live ones do at the lines [L, m]: motor angles, torques, links, springs' torques.
+
+    Springs carry `carried` [n, N m] on the mean, `besides` [n] of it not by K; clamped joints are told at rest.
+    """
+    s, live, still = scene.s[:, None], scene.arm.live, np.zeros(scene.n)
+    x = theta / scene.arm.N
     mean_tau, mean_theta = scene.means
-    twist, still = scene.N * mean_tau / p.K, np.zeros(scene.n)
-    means = [mean_theta, still, mean_tau, mean_theta / scene.N - twist, still, twist, still, scene.N * mean_tau]
-    whole: list[Array] = []
-    for mean, period in zip(means, periods, strict=True):
-        signal = np.tile(mean, (scene.samples, 1))
-        signal[:, live] += period
-        whole.append(signal)
-    theta_t, omega, tau_t, q_t, q_rate, deflection, rate, spring_t = whole
+    twist = (carried - besides) / p.K
+    means = [mean_theta, still, mean_tau, mean_theta / scene.N - twist, still, twist, still, carried]
+    signal = np.repeat(np.stack(means)[:, None, :], scene.samples, axis=1)
+    stack = np.stack([theta, s * theta, tau, q, s * q, x - q, s * (x - q), spring], axis=1)
+    signal[:, :, live] += scene.in_time(stack).transpose(1, 0, 2)
+    theta_t, omega, tau_t, q_t, q_rate, deflection, rate, spring_t = signal
     return Motion(
         1.0 / (scene.f0 * scene.samples), scene.N, theta_t, omega, tau_t, q_t, q_rate, deflection, rate, spring_t, p.K
     )

@@ -274,11 +274,13 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
     for one in problem.data:
         p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
+        powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear_extra(scene, p, effects))
         how = moved(scene, p, effects)
         if how is not None and problem.turns and any(map(has_forces, effects)):
-            how = smoothed(scene, p, effects, how, one.sampling, one.noise, problem.turns)
-        linear = linear_part(scene, p, effects, how)
-        powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
+            how = smoothed(scene, p, effects, how, one.sampling, powers, problem.turns)
+        if how is not None and how.springy:
+            linear = linear_part(scene, p, effects, how)
+            powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
         W = whitening(powers, scene.theta, doubt)
         W = W if one.judged is None else W * one.judged[:, None, None]
         found.append(Held(W, how))

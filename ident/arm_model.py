@@ -112,6 +112,12 @@ def motion(arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, extra:
     return _motion(arm, p, sampling, tau, linear, False)[0]
 
 
+def response(arm: Posture, p: Parameters, sampling: Sampling, extra: Extra = NOTHING) -> Complex:
+    """Returns the motor angles by motor torques [L, m, m, rad per N m], as `motion` has them."""
+    m, L = len(arm.live), len(sampling.f)
+    return motion(arm, p, sampling, np.broadcast_to(np.eye(m, dtype=complex), (L, m, m)), extra)
+
+
 def motion_and_derivatives(
     arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, extra: Extra = NOTHING, derive: bool = True
 ) -> tuple[Complex, Complex]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from ident.bodies import Bodies
-from ident.effects.base import Arm, Effect, Law, Path, State
+from ident.effects.base import Arm, Effect, Law, Path, PortLaw, State
 from ident.effects.structure import LockedJointElasticity
 from ident.errors import ExperimentError
 from ident.plant import Plant, build_plant
@@ -54,9 +54,11 @@ class Injected:
     states: tuple[State, ...]
 
     @property
-    def laws(self) -> list[Law]:
+    def laws(self) -> list[PortLaw]:
         """The laws that act on joints that move."""
-        return [e for e in self.effects if isinstance(e, Law) and any(e.joint == joint.index for joint in self.live)]
+        return [
+            e for e in self.effects if isinstance(e, PortLaw) and any(e.joint == joint.index for joint in self.live)
+        ]
 
     def generator(self) -> Array:
         """[2 nv + m, 2 nv + m] of the arm without its laws, linear about rest: its exponential, times t, takes (positions,
@@ -186,7 +188,8 @@ def _wind(here: Injected, joint: Live, load: float, extra: dict[tuple[str, int],
     i, drive, at = joint.index, joint.drive, here.states[joint.index]
 
     def total(port: str) -> float:
-        own = sum(float(law.law(at)) for law in here.laws if law.joint == i and law.port == port and _static(law))
+        mine = [law for law in here.laws if isinstance(law, Law)]  # one with a memory rests without torque
+        own = sum(float(law.law(at)) for law in mine if law.joint == i and law.port == port)
         return own + extra.get((port, i), 0.0)
 
     def excess(x: float) -> float:
@@ -201,11 +204,6 @@ def _wind(here: Injected, joint: Live, load: float, extra: dict[tuple[str, int],
         )
     excess(x)
     return (load - total("link")) / drive.N - total("motor")
-
-
-def _static(law: Law) -> bool:
-    """A law with a memory rests without torque."""
-    return law.start()[1] is None
 
 
 def _root(f: Callable[[float], float], x: float) -> float | None:

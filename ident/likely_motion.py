@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import Scene, linear_extra
-from ident.arm_model import Parameters, Sampling, motion, stiffness, transfer
+from ident.acting import Scene, linear_extra, motion_of
+from ident.arm_model import Parameters, Sampling, response, stiffness, transfer
 from ident.campaign import Array
 from ident.effects.base import Effect, Motion
 from ident.frf import Complex
@@ -73,8 +73,7 @@ class LikelyMotion:
         on_motor, on_link = transfer(arm, p, wide.s, linear)
         _, _, Z_lm, Z_ll = stiffness(arm, p, wide.s, linear.impedance)
         yielding = np.asarray(np.linalg.inv(Z_ll), dtype=complex)
-        m, at = len(arm.live), Sampling(wide.f0 * wide.lines, sampling.fs, sampling.hold)
-        G = motion(arm, p, at, np.broadcast_to(np.eye(m, dtype=complex), (len(wide.lines), m, m)), linear)
+        G = response(arm, p, replace(sampling, f=wide.f0 * wide.lines), linear)
         of_model = replace(powers, G=G).of_model()
         certainty = np.asarray(np.linalg.inv(of_model + np.diag(powers.angle.max(axis=0))), dtype=complex)
         second = np.zeros_like(wide.theta) if second is None else second
@@ -129,26 +128,14 @@ class LikelyMotion:
         """How all joints move under forces."""
         scene, p, live, s = self.scene, self.p, self.scene.arm.live, self.scene.s[:, None]
         theta, q = self.likely(on)
-        x = theta / scene.arm.N
-        spring = (p.K[live] + s * p.D_spring[live]) * (x - q)
-        still = np.zeros(scene.n)
-        wound, push = scene.N * scene.means[0], still.copy()
+        spring = (p.K[live] + s * p.D_spring[live]) * (theta / scene.arm.N - q)
+        carried, besides = scene.N * scene.means[0], np.zeros(scene.n)
         for (port, k), force in on.items():
             if port == "spring":
                 spring[:, k] += force.lines
-            wound[live[k]] += force.mean if port == "motor" else 0.0
-            push[live[k]] += force.mean if port == "spring" else 0.0
-        twist = (wound - push) / p.K
-        stack = np.stack([theta, s * theta, scene.tau, q, s * q, x - q, s * (x - q), spring], axis=1)
-        periods = scene.in_time(stack).transpose(1, 0, 2)
-        mean_tau, mean_theta = scene.means
-        means = [mean_theta, still, mean_tau, mean_theta / scene.N - twist, still, twist, still, wound]
-        signal = np.repeat(np.stack(means)[:, None, :], scene.samples, axis=1)
-        signal[:, :, live] += periods
-        theta_t, omega, tau, q_t, q_rate, deflection, rate, spring_t = signal
-        return Motion(
-            1.0 / (scene.f0 * scene.samples), scene.N, theta_t, omega, tau, q_t, q_rate, deflection, rate, spring_t, p.K
-        )
+            carried[live[k]] += force.mean if port == "motor" else 0.0
+            besides[live[k]] += force.mean if port == "spring" else 0.0
+        return motion_of(scene, p, theta, scene.tau, q, spring, carried, besides)
 
 
 def _times(matrix: Complex, vector: Complex) -> Complex:

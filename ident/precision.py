@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ident.arm_fit import INFORMATION_ROUNDING, Minimum, gravity_basis, posture_at
-from ident.arm_model import Parameters, Sampling, motion, motion_and_derivatives
+from ident.arm_model import Parameters, Sampling, motion_and_derivatives, response
 from ident.bench import head
 from ident.campaign import Array, Campaign
 from ident.certainty import certainty
@@ -138,9 +138,7 @@ def _information(
     amplitude = 4.0 / e.samples_per_period  # E|z|^2 of a line, as a peak amplitude, per variance of a sample
     noise = np.array([e.torque_noise * setup.excitation.rms * d.tau_max / own.tau_max for d in drives])
     step = np.array([2 * np.pi / d.encoder_counts for d in drives])
-    G = motion(
-        posture, arm, sampling, np.broadcast_to(np.eye(len(live), dtype=complex), (len(tau), len(live), len(live)))
-    )
+    G = response(posture, arm, sampling)
     angle = np.broadcast_to(amplitude * step**2 / 12.0, tau.shape)
     W = whitening(Powers(amplitude * noise**2, angle, G), np.zeros_like(tau))
     columns = posture.columns(model.chain.n)

@@ -8,19 +8,18 @@ which changes the motion that it is of, is found with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
-from ident.acting import Moved, Scene, linear_extra, signals
+from ident.acting import Moved, Scene, signals
 from ident.arm_model import Parameters, Sampling
 from ident.campaign import Array
 from ident.effects.base import Effect, Law, Motion
 from ident.frf import Complex
 from ident.likely_motion import Force, Forces, Key, LikelyMotion
-from ident.whitening import Noise, noise_powers
+from ident.whitening import Powers
 
 #: Times all forces are found from the motion under all the others.
 SWEEPS = 3
@@ -43,22 +42,20 @@ def smoothed(
     effects: Sequence[Effect],
     start: Moved,
     sampling: Sampling,
-    noise: Noise,
+    powers: Powers,
     turns: int = TURNS,
 ) -> Moved:
     """Returns the motion of a record in which the forces of `effects` are those of this very motion; `start` one near to it.
 
-    `sampling` and `noise` are those of the record. Dry friction takes up to `turns`: few are enough to compare by.
+    `sampling` and noise `powers` are those of the record. Dry friction takes up to `turns`: few are enough to compare by.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a law that is far too strong
-        return _smoothed(scene, p, effects, start, sampling, noise, turns)
+        return _smoothed(scene, p, effects, start, sampling, powers, turns)
 
 
 def _smoothed(
-    scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, noise: Noise, turns: int
+    scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, powers: Powers, turns: int
 ) -> Moved:
-    linear = linear_extra(scene, p, effects)
-    powers = noise_powers(scene.arm, p, sampling, noise, scene.theta, linear)
     arm = LikelyMotion.of(scene, p, effects, start.second, sampling, powers)
     on = {key: Force.of(arm.scene, x) for key, x in signals(arm.scene, effects, start.motion).items()}
     best, least = on, arm.misfit(on)
@@ -70,7 +67,7 @@ def _smoothed(
             motion = arm.moving(on)
             here = [e for e in effects if isinstance(e, Law) and (e.port, e.joint) == (key[0], scene.arm.live[key[1]])]
             dry = [law for law in here if law.dry]
-            springs = [] if dry else [law for law in here if _springy(law)]
+            springs = [] if dry else [law for law in here if not law.linear]
             others = [e for e in effects if e not in dry and e not in springs]
             on = on | {key: _of(signals(arm.scene, others, motion), key, arm.scene)}
             if dry:
@@ -109,16 +106,14 @@ def _sliding(
     scene, (port, k) = arm.scene, key
     joint = int(scene.arm.live[k])
     N = float(scene.arm.N[k]) if port == "motor" else 1.0
-    name = "omega" if port == "motor" else "q_rate"
     state = motion.state(joint)
+    position, measured = state.at(port)
 
     def friction(v: Array) -> Array:
-        moved = copy(state)
-        setattr(moved, name, v)
+        moved = state.moved(port, position, v)
         return np.asarray(-N * sum(law.law(moved) for law in laws), dtype=float)
 
     v0, Y = arm.rate(key, on)
-    measured = getattr(state, name)
     gear = 1.0 if port == "motor" else float(scene.N[joint])
     creep = 0.0 if scene.creeping is None else float(scene.creeping[joint]) / gear
     best, free, least = start, np.ones(scene.samples), np.inf
@@ -162,11 +157,6 @@ def _in_turns(
     return Force(-force, -mean), slope
 
 
-def _springy(law: Law) -> bool:
-    """A law of the moment that may depend on the position at its port."""
-    return type(law).force is Law.force and law.start()[1] is None
-
-
 def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces) -> Force:
     """The force of `laws` at a port, of the position that it leaves, under the forces `on` besides.
 
@@ -175,24 +165,16 @@ def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, 
     scene, (port, k) = arm.scene, key
     joint = int(scene.arm.live[k])
     N = float(scene.arm.N[k]) if port == "motor" else 1.0
-    position, velocity = {
-        "motor": ("theta", "omega"),
-        "spring": ("deflection", "deflection_rate"),
-        "link": ("q", "q_rate"),
-    }[port]
     state = motion.state(joint)
+    x, v = state.at(port)
     v0, Y = arm.rate(key, on)
     x0, Y = v0 / scene.s, Y / scene.s
-    x, mean = getattr(state, position), float(np.mean(getattr(state, position)))
-    K = float(arm.p.K[joint])
+    mean, K = float(np.mean(x)), float(arm.p.K[joint])
 
     def force(x: Array, v: Array) -> Array:
-        moved = copy(state)
-        setattr(moved, position, x)
-        setattr(moved, velocity, v)
+        moved = state.moved(port, x, v)
         return np.asarray(N * sum(law.law(moved) for law in laws), dtype=float)
 
-    v = getattr(state, velocity)
     F = force(x, v)
     load = float(scene.N[joint] * scene.means[0, joint]) - on[key].mean
     best, least, size = F, np.inf, np.std(F)

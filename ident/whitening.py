@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from ident.arm_model import NOTHING, Extra, Parameters, Posture, Sampling, motion
+from ident.arm_model import NOTHING, Extra, Parameters, Posture, Sampling, response
 from ident.campaign import Array
 from ident.frf import Complex, moving_average
 
@@ -51,7 +51,7 @@ def noise_powers(
     the angles not below quantisation nor what `theta` [L, m] is computed to.
     """
     m, L = len(arm.live), len(sampling.f)
-    G = motion(arm, p, sampling, np.broadcast_to(np.eye(m, dtype=complex), (L, m, m)), extra)
+    G = response(arm, p, sampling, extra)
     error = noise.samples[:, :, m:] - np.einsum("lij,rlj->rli", G, noise.samples[:, :, :m])
     power = np.mean(np.abs(error) ** 2, axis=0)
     largest = (np.abs(theta) / arm.N).max(axis=1)[:, None]

@@ -81,6 +81,14 @@ class State:
             return self.deflection, self.deflection_rate
         return (self.q, self.q_rate) if port == "link" else (self.theta, self.omega)
 
+    def moved(self, port: str, position: Any, velocity: Any) -> State:
+        """The same but for position and velocity at a port."""
+        if port == "spring":
+            return replace(self, deflection=position, deflection_rate=velocity)
+        if port == "link":
+            return replace(self, q=position, q_rate=velocity)
+        return replace(self, theta=position, omega=velocity)
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -310,8 +318,16 @@ class Effect(ABC):
         return 0.0
 
 
-class Law(Effect):
-    """An effect that is a torque at its port, given by the state of its joint."""
+class PortLaw(Effect):
+    """An effect that is a torque at its port, by the motion of its joint."""
+
+    @abstractmethod
+    def start(self) -> tuple[Callable[[State], Any], Callable[[State], None] | None]:
+        """Its law in a simulation from rest; and, for a law with a memory, what has to be called at the end of each step."""
+
+
+class Law(PortLaw):
+    """A law of the moment: its torque follows from the state of its joint, whatever was before."""
 
     #: A linear law is an impedance in the fit, exact; a law in the simulation only.
     linear: ClassVar[bool] = False
@@ -325,6 +341,5 @@ class Law(Effect):
             raise IdentError(f"effect {self.name}: a law of one joint; expected one")
         return None if self.linear else np.asarray(self.law(motion.state(self.joint)))
 
-    def start(self) -> tuple[Callable[[State], Any], Callable[[State], None] | None]:
-        """Its law in a simulation from rest; and, for a law with a memory, what has to be called at the end of each step."""
+    def start(self) -> tuple[Callable[[State], Any], None]:
         return self.law, None

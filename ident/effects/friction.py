@@ -98,9 +98,5 @@ class LinkViscous(Law):
     def law(self, at: State) -> Any:
         return -self["damping"] * at.q_rate
 
-    def force(self, motion: Any) -> None:
-        """None: it is linear, and exact as an impedance."""
-        return
-
     def impedance(self, s: Complex, arm: Known) -> Complex:
         return at_link(s * self["damping"], self.joint, len(arm.N))

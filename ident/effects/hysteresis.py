@@ -8,11 +8,11 @@ from typing import final
 
 import numpy as np
 
-from ident.effects.base import Array, Law, Motion, Parameter, State
+from ident.effects.base import Array, Motion, Parameter, PortLaw, State
 
 
 @final
-class MotorHysteresis(Law):
+class MotorHysteresis(PortLaw):
     """Dahl's friction on the motor: F' = (level / distance) (1 - F/level sign(omega)) omega.
 
     F depends on the path only: along a stretch of one direction it goes to +-level exponentially in `distance`, exactly.
@@ -23,9 +23,6 @@ class MotorHysteresis(Law):
         Parameter("level", "Nm", 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque"),
         Parameter("distance", "rad", 0.005, 5.0, (0.1, 0.5), zero=None, relative="angle"),
     )
-
-    def law(self, at: State) -> float:
-        raise NotImplementedError("a law with a memory: see `start`")
 
     def force(self, motion: Motion) -> Array:
         """Its torque [S] when the period goes on for ever: the recursion is affine, so its fixed point is known."""

@@ -78,7 +78,7 @@ DISSIPATIVE = [
 CONSERVATIVE = ["torque-ripple", "torque-offset", "spring-hardening", "backlash", "cable-stiffness"]
 
 
-@pytest.mark.parametrize("name", [name for name in LAWS if name != "motor-hysteresis"])
+@pytest.mark.parametrize("name", LAWS)
 def test_a_law_is_one_function_of_arrays_and_of_floats(name: str) -> None:
     law = CATALOGUE[name].of(0, {})
     state = motion().state(0)
