@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
+#: What torque acts between two samples, see `Campaign.hold`.
+HOLDS = ("zoh", "band-limited")
 
 
 def _frozen(values: object, dtype: type = float) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 from scipy.stats import gamma
 
-from ident.campaign import Array
+from ident.campaign import HOLDS, Array
 from ident.errors import IdentError
 from ident.frf import Complex, Frf
 from ident.start import START_DAMPING, largest_rise, starts_of
@@ -23,7 +23,6 @@ from ident.start import START_DAMPING, largest_rise, starts_of
 #: The six parameters of a flexible joint: J_m [kg m2], D [N m s/rad] motor side; K [N m/rad], J_l [kg m2],
 #: D_spring [N m s/rad], K_g [N m/rad] (gravity stiffness of the link) joint side.
 PARAMETERS = ("J_m", "K", "J_l", "D", "D_spring", "K_g")
-HOLDS = ("zoh", "band-limited")
 Model = tuple[float, float, str]  # N, fs, hold
 #: A model does not explain its data when chi^2 is larger than in this share of honest repetitions.
 CONFIDENCE = 0.999

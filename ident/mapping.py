@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ident.campaign import HOLDS
 from ident.stand_in import Body, stand_in
 from ident.toml_table import (
     Check,
@@ -189,7 +190,7 @@ def load_map(path: str | Path) -> Map:
     return Map(
         path=path,
         source=campaign.get("source", text, "a measured machine"),
-        hold=campaign.get("hold", choice("zoh", "band-limited"), ""),
+        hold=campaign.get("hold", choice(*HOLDS), ""),
         urdf=urdf,
         gravity=robot.get("gravity_m_per_s2", numbers(3), gravity),
         joints=joints,

@@ -1,39 +1,26 @@
-"""The campaign file: a `Campaign` as HDF5 and back, format "frf-campaign", version 1.
-
-Writing, reading and the rules stay in one module, longer than most: both directions are judged by the same rules.
-"""
+"""The campaign file: a `Campaign` as HDF5 and back, format "frf-campaign", version 1."""
 
 from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as ET
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
-from ident.campaign import Campaign, Record
-from ident.errors import CampaignError
-
-Array = NDArray[np.float64]
+from ident.campaign import Array, Campaign, Record
+from ident.campaign_rules import OPTIONAL, check_campaign, damping
+from ident.errors import CampaignError, message, short
+from ident.hdf5_node import DAMAGE, Node
 
 FORMAT, VERSION = "frf-campaign", 1
-HOLDS = ("zoh", "band-limited")
-OPTIONAL = ("omega", "q_link")
 
-_MOVING = ("revolute", "continuous", "prismatic")
-_WHOLE = 1e-9  # relative: samples_per_period f0 = fs up to a few roundings
-_LIMIT_SLACK = 1e-6  # rad: limits and postures are written with a few digits
 _GZIP = 1  # every HDF5 reader has it; level 4 saves 5 % of the space and takes half as long again
 _CHUNK_BYTES = 2**18  # a few chunks a period: cheap to read in part, and below h5py's chunk cache
 _TEXT_CHECK = "text_crc32"  # HDF5 keeps strings of variable length in a heap, which has no checksum of its own
-# What h5py raises when bytes are not what they should be; nothing else is done inside the guarded calls.
-_DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, OverflowError, MemoryError)
 
 
 def write_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
@@ -42,7 +29,7 @@ def write_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
     CampaignError, one line, if the campaign breaks a rule of the format or the file can not be written.
     """
     path = Path(path)
-    _check_campaign(campaign, str(path))
+    check_campaign(campaign, str(path))
     _replace(path, lambda file: _write(file, campaign))
 
 
@@ -83,7 +70,7 @@ def _replace(path: Path, fill: Callable[[h5py.File], None]) -> None:
         os.replace(part, path)
         _sync(path.parent)
     except OSError as error:
-        raise CampaignError(f"{path}: cannot be written: {error.strerror or _line(error)}") from None
+        raise CampaignError(f"{path}: cannot be written: {error.strerror or message(error)}") from None
     finally:
         part.unlink(missing_ok=True)
 
@@ -127,15 +114,15 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         with path.open("rb"):
             pass  # says "permission denied" in plain words, where HDF5 does not
     except (OSError, ValueError) as error:
-        raise CampaignError(f"{path}: cannot be read: {_line(error)}") from None
+        raise CampaignError(f"{path}: cannot be read: {message(error)}") from None
     if not h5py.is_hdf5(path):
         raise CampaignError(f"{path}: not an HDF5 file; expected a campaign file")
     try:
         with h5py.File(path, "r") as file:
             campaign = _read(file, str(path))
-    except _DAMAGE as error:
-        raise CampaignError(f"{path}: damaged: {_line(error)}") from None
-    _check_campaign(campaign, str(path))
+    except DAMAGE as error:
+        raise CampaignError(f"{path}: damaged: {message(error)}") from None
+    check_campaign(campaign, str(path))
     return campaign
 
 
@@ -151,9 +138,9 @@ def _write(file: h5py.File, c: Campaign) -> None:
     file.create_dataset("robot/joint_names", data=names, dtype=kind, chunks=True, compression=_GZIP, fletcher32=True)
     for name, values in (("gear_ratio", c.N), ("motor_inertia", c.J_m), ("stiffness", c.K), ("gravity", c.gravity)):
         _array(file, f"drive/{name}", values)
-    for name, damping in _damping(c):
-        if damping is not None and not np.all(np.isnan(damping)):
-            _array(file, f"drive/{name}", damping)
+    for name, D in damping(c):
+        if D is not None and not np.all(np.isnan(D)):
+            _array(file, f"drive/{name}", D)
     for record in c.records:
         group = file.create_group(f"experiments/{record.id}")
         group.attrs.update(
@@ -181,107 +168,21 @@ def _checksum(*texts: str) -> int:
     return zlib.crc32("\0".join(texts).encode())
 
 
-# reading: presence, kinds and shapes; what the values must be is checked below ----------------------------------------
-
-
-@dataclass(frozen=True)
-class _Node:
-    """One group of the file, and how to speak of it."""
-
-    group: h5py.Group
-    file: str
-
-    def error(self, field: str, problem: str) -> CampaignError:
-        return CampaignError(f"{self.file}: {self.group.name}: {field}: {problem}")
-
-    def attribute(self, name: str) -> Any:
-        if name not in self.group.attrs:
-            raise self.error(name, "missing; expected an attribute")
-        value = self.group.attrs[name]
-        return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-
-    def string(self, name: str) -> str:
-        value = self.attribute(name)
-        if not isinstance(value, str):
-            raise self.error(name, f"found {_short(value)}, expected a string")
-        return value
-
-    def numbers(self, name: str) -> Array:
-        value = self.attribute(name)
-        if np.asarray(value).dtype.kind not in "iuf":
-            raise self.error(name, f"found {_short(value)}, expected numbers")
-        return np.array(value, dtype=float)
-
-    def number(self, name: str) -> float:
-        value = self.numbers(name)
-        if value.size != 1:
-            raise self.error(name, f"found {value.size} numbers, expected one")
-        return float(value.item())
-
-    def wholes(self, name: str) -> NDArray[np.int64]:
-        value = self.numbers(name)
-        if not np.all((np.abs(value) < 2**53) & (np.floor(value) == value)):
-            raise self.error(name, f"found {_short(value)}, expected whole numbers")
-        return value.astype(np.int64)
-
-    def whole(self, name: str) -> int:
-        self.number(name)
-        return int(self.wholes(name).item())
-
-    def dataset(self, name: str) -> h5py.Dataset:
-        return _child(self.group, name, h5py.Dataset, self.file)
-
-    def strings(self, name: str, ndim: int) -> Any:
-        """A string (ndim 0) or a list of them (ndim 1)."""
-        dataset = self.dataset(name)
-        if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != ndim:
-            expected = "one UTF-8 string" if ndim == 0 else "UTF-8 strings [n]"
-            raise self.error(name, f"found {dataset.dtype} of shape {dataset.shape}, expected {expected}")
-        try:
-            return np.array(dataset.asstr()[()], dtype=object).tolist()
-        except _DAMAGE as error:
-            raise self.error(name, f"damaged: {_line(error)}") from None
-
-    def array(self, name: str, shape: tuple[int, ...]) -> Array:
-        dataset = self.dataset(name)
-        if dataset.shape != shape or dataset.dtype.kind not in "iuf":
-            raise self.error(name, f"found {dataset.dtype} of shape {dataset.shape}, expected numbers of shape {shape}")
-        try:
-            return np.array(dataset[()], dtype=float)
-        except _DAMAGE as error:
-            raise self.error(name, f"damaged: {_line(error)}") from None
-
-    def verify(self, *texts: str) -> None:
-        """Compares the texts with the checksum beside them, if the file has one."""
-        if _TEXT_CHECK in self.group.attrs and self.whole(_TEXT_CHECK) != _checksum(*texts):
-            raise self.error(_TEXT_CHECK, f"damaged: the checksum of {', '.join(map(_short, texts))} does not fit")
-
-
-def _child(group: h5py.Group, name: str, kind: type, where: str) -> Any:
-    node, expected = _Node(group, where), kind.__name__.lower()
-    if name not in group:
-        raise node.error(name, f"missing; expected a {expected}")
-    try:
-        child = group[name]
-    except _DAMAGE as error:
-        raise node.error(name, f"damaged: {_line(error)}") from None
-    if not isinstance(child, kind):
-        raise node.error(name, f"found a {type(child).__name__.lower()}, expected a {expected}")
-    return child
+# reading --------------------------------------------------------------------------------------------------------------
 
 
 def _read(file: h5py.File, where: str) -> Campaign:
-    root = _Node(file, where)
+    root = Node(file, where)
     if (found := root.attribute("format")) != FORMAT:
-        raise root.error("format", f"found {_short(found)}, expected {FORMAT!r}")
+        raise root.error("format", f"found {short(found)}, expected {FORMAT!r}")
     if (version := root.number("version")) != VERSION:
         why = ", a version from the future" if version > VERSION else ""
         raise root.error("version", f"found {version:g}{why}; this program reads {VERSION}")
     joints = root.strings("robot/joint_names", ndim=1)
     n = len(joints)
-    groups = _child(file, "experiments", h5py.Group, where)
+    experiments = root.below("experiments")
     urdf, source, hold = root.strings("robot/urdf", ndim=0), root.string("source"), root.string("hold")
-    root.verify(urdf, source, hold)
+    _verify(root, urdf, source, hold)
     return Campaign(
         urdf=urdf,
         joints=tuple(joints),
@@ -294,15 +195,13 @@ def _read(file: h5py.File, where: str) -> Campaign:
         D=root.array("drive/damping", (n,)) if "drive/damping" in file else None,
         D_spring=root.array("drive/spring_damping", (n,)) if "drive/spring_damping" in file else None,
         source=source,
-        records=tuple(_read_record(groups, id, n, where) for id in sorted(groups)),
+        records=tuple(_read_record(experiments.below(id), id, n) for id in sorted(experiments.group)),
     )
 
 
-def _read_record(groups: h5py.Group, id: str, n: int, where: str) -> Record:
-    group = _child(groups, id, h5py.Group, where)
-    node = _Node(group, where)
+def _read_record(node: Node, id: str, n: int) -> Record:
     excited = node.string("excited")
-    node.verify(excited)
+    _verify(node, excited)
     samples_per_period, periods = node.whole("samples_per_period"), node.whole("periods")
     shape = (periods * samples_per_period, n)
     return Record(
@@ -316,143 +215,11 @@ def _read_record(groups: h5py.Group, id: str, n: int, where: str) -> Record:
         rms=node.number("rms"),
         tau=node.array("tau", shape),
         theta=node.array("theta", shape),
-        **{name: node.array(name, shape) for name in OPTIONAL if name in group},
+        **{name: node.array(name, shape) for name in OPTIONAL if name in node.group},
     )
 
 
-# the rules ------------------------------------------------------------------------------------------------------------
-
-
-def _check_campaign(c: Campaign, where: str) -> None:
-    """CampaignError naming `where`, group, field and rule, if the campaign breaks a rule of the format."""
-    n = c.n
-    limits = _urdf_limits(c.urdf, f"{where}: /: robot/urdf")
-    for name in c.joints:
-        if name not in limits:
-            known = ", ".join(limits) or "none"
-            raise CampaignError(f"{where}: /: robot/joint_names: the URDF has no moving joint {name!r}; it has {known}")
-    rules = (
-        ("robot/joint_names", c.joints, n > 0 and len(set(c.joints)) == n, "at least one, all different"),
-        ("hold", c.hold, c.hold in HOLDS, " or ".join(HOLDS)),
-        ("fs_hz", c.fs, 0 < c.fs < np.inf, "a finite number > 0"),
-        ("drive/gear_ratio", c.N, _finite(c.N, (n,)) and np.all(c.N != 0), "n finite numbers other than 0"),
-        ("drive/motor_inertia", c.J_m, _positive_or_nan(c.J_m, n), "n finite numbers > 0, NaN where unknown"),
-        ("drive/stiffness", c.K, _positive_or_nan(c.K, n), "n finite numbers > 0, NaN where unknown"),
-        *(
-            (f"drive/{name}", D, _not_negative_or_nan(D, n), "n finite numbers >= 0, NaN where unknown")
-            for name, D in _damping(c)
-        ),
-        ("drive/gravity", c.gravity, _finite(c.gravity, (3,)), "3 finite numbers"),
-        ("experiments", len(c.records), len(c.records) > 0, "at least one record"),
-    )
-    _require(rules, f"{where}: /")
-    ids = [record.id for record in c.records]
-    for k, id in enumerate(ids):
-        if not id or "/" in id or id == "." or (k and id <= ids[k - 1]):
-            raise CampaignError(
-                f"{where}: /experiments: id {id!r}; expected names without '/', ascending in the order of recording"
-            )
-    for record in c.records:
-        _check_record(record, c, limits, f"{where}: /experiments/{record.id}")
-
-
-def _check_record(r: Record, c: Campaign, limits: Mapping[str, tuple[float, float]], where: str) -> None:
-    n, samples = c.n, r.samples_per_period * r.f0
-    _require(
-        (
-            ("excited", r.excited, r.excited in c.joints, f"one of {', '.join(c.joints)}"),
-            ("posture", r.posture, _finite(r.posture, (n,)), f"{n} finite numbers"),
-            ("f0_hz", r.f0, 0 < r.f0 < np.inf, "a finite number > 0"),
-            ("periods", r.periods, r.periods >= 1, "at least 1"),
-            ("samples_per_period", r.samples_per_period, r.samples_per_period >= 1, "at least 1"),
-            (
-                "samples_per_period",
-                r.samples_per_period,
-                abs(samples - c.fs) <= _WHOLE * c.fs,
-                f"samples_per_period * f0_hz = fs_hz, which is {samples:.10g} against {c.fs:.10g}",
-            ),
-            ("rms", r.rms, 0 < r.rms < np.inf, "a finite number > 0"),
-            ("lines", r.lines, r.lines.ndim == 1 and r.lines.size > 0, "a list of at least one harmonic"),
-            ("lines", r.lines, bool(np.all(r.lines >= 1)), "harmonics >= 1"),
-            ("lines", r.lines, len(np.unique(r.lines)) == r.lines.size, "harmonics that are all different"),
-        ),
-        where,
-    )
-    top = int(r.lines.max())
-    if 2 * top > r.samples_per_period:
-        raise CampaignError(
-            f"{where}: lines: line {top} is at {top * r.f0:g} Hz, expected none above fs/2 = {c.fs / 2:g} Hz"
-        )
-    for name, value in zip(c.joints, r.posture, strict=True):
-        low, high = limits[name]
-        if not low - _LIMIT_SLACK <= value <= high + _LIMIT_SLACK:
-            raise CampaignError(
-                f"{where}: posture: {name!r} = {value:g}, expected within its limits [{low:g}, {high:g}]"
-            )
-    shape = (r.periods * r.samples_per_period, n)
-    for name in ("tau", "theta", *OPTIONAL):
-        values = getattr(r, name)
-        if values is None:
-            continue
-        if values.shape != shape:
-            raise CampaignError(f"{where}: {name}: found shape {values.shape}, expected {shape}")
-        if not np.all(np.isfinite(values)):
-            k, j = np.argwhere(~np.isfinite(values))[0]
-            raise CampaignError(
-                f"{where}: {name}: sample {k} of joint {c.joints[j]!r} is {values[k, j]}, expected finite samples"
-            )
-
-
-def _require(rules: tuple[tuple[str, Any, Any, str], ...], where: str) -> None:
-    for field, found, ok, expected in rules:
-        if not ok:
-            raise CampaignError(f"{where}: {field}: found {_short(found)}, expected {expected}")
-
-
-def _finite(values: Array, shape: tuple[int, ...]) -> bool:
-    return values.shape == shape and bool(np.all(np.isfinite(values)))
-
-
-def _positive_or_nan(values: Array, n: int) -> bool:
-    return values.shape == (n,) and bool(np.all(np.isnan(values) | ((values > 0) & np.isfinite(values))))
-
-
-def _not_negative_or_nan(values: Array | None, n: int) -> bool:
-    return (
-        values is not None
-        and values.shape == (n,)
-        and bool(np.all(np.isnan(values) | ((values >= 0) & np.isfinite(values))))
-    )
-
-
-def _damping(c: Campaign) -> tuple[tuple[str, Array | None], ...]:
-    """Beyond the format: the declared damping, where there is any."""
-    return (("damping", c.D), ("spring_damping", c.D_spring))
-
-
-def _urdf_limits(urdf: str, where: str) -> dict[str, tuple[float, float]]:
-    """(lower, upper) of every moving joint of a URDF, infinite where it states none."""
-    if "<!DOCTYPE" in urdf or "<!ENTITY" in urdf:
-        raise CampaignError(f"{where}: found a document type declaration, expected plain URDF")
-    try:
-        root = ET.fromstring(urdf)
-        joints = [joint for joint in root.findall("joint") if joint.get("type") in _MOVING]
-        return {joint.get("name", ""): _limits(joint) for joint in joints}
-    except (ET.ParseError, ValueError) as error:
-        raise CampaignError(f"{where}: not a readable URDF: {_line(error)}") from None
-
-
-def _limits(joint: ET.Element) -> tuple[float, float]:
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") == "continuous":
-        return -np.inf, np.inf
-    return float(limit.get("lower", "0")), float(limit.get("upper", "0"))
-
-
-def _short(value: Any) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _line(error: BaseException) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+def _verify(node: Node, *texts: str) -> None:
+    """Compares the texts with the checksum beside them, if the file has one."""
+    if _TEXT_CHECK in node.group.attrs and node.whole(_TEXT_CHECK) != _checksum(*texts):
+        raise node.error(_TEXT_CHECK, f"damaged: the checksum of {', '.join(map(short, texts))} does not fit")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.errors import ImportingError
+from ident.errors import ImportingError, short
 
 _MAX_BYTES = 1_000_000
 _MAX_LINES = 1_000_000
@@ -57,13 +57,13 @@ class Table:
     def _of(self, name: str) -> Any:
         value = self.values.get(name, {})
         if not isinstance(value, dict):
-            raise self.error(f"{name}: found {_short(value)}, expected a table")
+            raise self.error(f"{name}: found {short(value)}, expected a table")
         return value
 
     def known(self, keys: Mapping[str, str] | Sequence[str], required: Sequence[str]) -> None:
         """Raises ImportingError for a key that is not among `keys`, and for a `required` one that is missing."""
         if not isinstance(self.values, dict):
-            raise self.error(f"found {_short(self.values)}, expected a table")
+            raise self.error(f"found {short(self.values)}, expected a table")
         for key in self.values:
             if key not in keys:
                 raise self.error(f"unknown key {key!r}; expected {', '.join(keys)}")
@@ -78,7 +78,7 @@ class Table:
         try:
             return check(self.values[key])
         except _Unfit as error:
-            raise self.error(f"{key}: found {_short(self.values[key])}, expected {error}") from None
+            raise self.error(f"{key}: found {short(self.values[key])}, expected {error}") from None
 
 
 def number(value: Any) -> float:
@@ -174,11 +174,3 @@ def lines_of(value: Any) -> tuple[int, ...]:
     if value[0] < 1 or value[-1] >= 2**53 or np.any(np.diff(value) <= 0):
         raise _Unfit(expected)
     return tuple(value)
-
-
-def _short(value: Any) -> str:
-    try:
-        text = " ".join(repr(value).split())
-    except ValueError:  # an integer of more than 4300 digits
-        return "a huge integer"
-    return text if len(text) <= 60 else text[:57] + "..."
