@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ident import progress
 from ident.errors import IdentError
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     from ident.store import read_campaign
 
     campaign = _joined(options.campaign)
-    say = _progress(options)
+    say = progress.line(options)
     notes: tuple[str, ...] = ()
     if options.baseline is not None:
         earlier = read_campaign(options.baseline)
@@ -144,10 +144,3 @@ def _next(options: argparse.Namespace) -> int:
     else:
         print(found.text)
     return 0
-
-
-def _progress(options: argparse.Namespace) -> Callable[[str], None]:
-    """Says on standard error what is being tried, on one line where that is a terminal; never with --json."""
-    if options.json or not sys.stderr.isatty():
-        return lambda text: None
-    return lambda text: print(f"\r\x1b[K{text}"[:200], end="", file=sys.stderr, flush=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -25,10 +26,12 @@ if TYPE_CHECKING:
 SOFTWARE = ("symgen", "numpy", "scipy", "clarabel", "matplotlib")
 
 
-def result_document(identification: Identification) -> dict[str, Any]:
+def result_document(identification: Identification, precision: Mapping[str, float] | None = None) -> dict[str, Any]:
     """Returns result.json: plain numbers, lists and strings; what is unknown or infinite is None, never NaN.
 
-    Units kg m2 (kg for a sliding joint), N m/rad, N m s/rad, Hz; K joint side, J_m and D motor side.
+    Units kg m2 (kg for a sliding joint), N m/rad, N m s/rad, Hz; K joint side, J_m and D motor side. `precision` is what the
+    campaign was planned for, where it was: `target` and `predicted`, sigmas of J(q) over sqrt(J_ii J_jj), and `robot_time_s`;
+    told with the largest that was `achieved`.
     """
     r = identification
     drives = {drive.joint: drive for drive in r.drives}
@@ -38,7 +41,7 @@ def result_document(identification: Identification) -> dict[str, Any]:
         return {key: [getattr(one, key) if one else None for one in own] for key in ("value", "std")}
 
     known = certainty(r.model, r.covariance, r.unseen)
-    document = {
+    document: dict[str, Any] = {
         "robot": r.model.chain.name,
         "urdf_sha256": r.model.chain.sha256,
         "joints": r.campaign.joints,
@@ -74,6 +77,8 @@ def result_document(identification: Identification) -> dict[str, Any]:
         "notes": r.notes,
         "seconds": r.seconds,
     }
+    if precision is not None:
+        document["precision"] = {**precision, "achieved": known.per_entry.max()}
     found: dict[str, Any] = plain(document)
     return found
 
@@ -142,13 +147,15 @@ def html(identification: Identification) -> str:
     )
 
 
-def write(identification: Identification, directory: str | Path) -> tuple[Path, Path]:
+def write(
+    identification: Identification, directory: str | Path, precision: Mapping[str, float] | None = None
+) -> tuple[Path, Path]:
     """Writes result.json and report.html into `directory`, made where missing, and returns their paths.
 
-    Each file is replaced only by a finished one. IdentError naming the file that can not be written.
+    `precision` as in `result_document`. Each file is replaced only by a finished one. IdentError naming the file that can not be written.
     """
     directory = Path(directory)
-    text = json.dumps(result_document(identification), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(result_document(identification, precision), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     result, report = directory / "result.json", directory / "report.html"
     page = html(identification)
     replace_file(result, text)

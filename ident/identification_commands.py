@@ -1,0 +1,249 @@
+"""The commands from a plan to J(q), for `cli`: simulate, run, fit, export, paper. Each parses, calls and prints."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident import progress
+from ident.errors import IdentError
+
+if TYPE_CHECKING:
+    from ident.campaign import Campaign
+    from ident.effects.base import Effect
+    from symgen.robot import Drive, Robot
+
+#: Returns the parser of a new command: its name and what it does.
+_NewCommand = Callable[[str, str], argparse.ArgumentParser]
+
+
+def add(command: _NewCommand) -> None:
+    """Adds the commands to the command line; each sets `action`, which takes the options and returns the exit status."""
+    simulate = command("simulate", "Run the planned campaign on the simulated robot and write the campaign file.")
+    run = command("run", "Simulate the planned campaign, identify J(q) from it and write a report.")
+    fit = command("fit", "Identify J(q) from a campaign file and write a report.")
+    paper = command("paper", "Reproduce the two tables of the paper and put them right.")
+    for sub in (simulate, run):
+        sub.add_argument("robot", metavar="ROBOT_DIR", help="directory with robot.toml and the URDF it names")
+        sub.add_argument("--seed", type=int, default=0, help="of the excitation and of the noise (default 0)")
+        sub.add_argument(
+            "--lock", choices=("dob", "rigid"), default="dob",
+            help="hold the other joints by PD and disturbance observer on their motors (dob), or weld them (rigid)",
+        )  # fmt: skip
+        sub.add_argument(
+            "--target", type=_share, metavar="SHARE", help="the least robot time that tells J(q) to this standard deviation, relative "
+            "to sqrt(J_ii J_jj), as 1%% or 0.01: spacing of the lines, and periods of each record",
+        )  # fmt: skip
+    simulate.add_argument("--spacing", type=float, metavar="HZ", help="of the lines, in place of robot.toml's")
+    simulate.add_argument("--periods", type=int, metavar="N", help="recorded, the settling ones included, likewise")
+    simulate.add_argument(
+        "--plan", metavar="PLAN.json", help="the cells of this plan (symgen, ident next) in place of the robot's own"
+    )
+    simulate.add_argument("-o", dest="out", metavar="FILE.h5", required=True, help="the campaign file to write")
+    simulate.add_argument(
+        "--effect", action="append", default=[], metavar="NAME:PARAM=VALUE,..@JOINT",
+        help="put an effect that nobody declared into the simulated arm; may be repeated; the names are those of the diagnosis",
+    )  # fmt: skip
+    simulate.add_argument(
+        "--truth", metavar="FILE.json", help="write here which effects were put in; the campaign does not tell"
+    )
+    fit.add_argument("campaign", metavar="CAMPAIGN.h5")
+    for sub in (run, fit):
+        sub.add_argument(
+            "-o",
+            dest="out",
+            metavar="DIR",
+            required=True,
+            help="write result.json, report.html and the identified robot here",
+        )
+        sub.add_argument(
+            "--method",
+            default="coupled",
+            help="coupled (default: all records and motors in one fit); record by record modal, two-mass, three-point (the "
+            "paper's reading); or all: these side by side, the files those of coupled",
+        )
+        sub.add_argument("--brief", action="store_true", help="print the first few notes only")
+    fit.add_argument(
+        "--believe-zeros", action=argparse.BooleanOptionalAction, default=None,
+        help="take inertial parameters that are exactly zero in the URDF as known (default: only where the records need it)",
+    )  # fmt: skip
+    export = command(
+        "export", "Write the identified robot's files again: URDF, MJCF, robot.toml, CasADi and C functions."
+    )
+    export.add_argument("result", metavar="OUT", help="directory that ident fit wrote, or its identified.json")
+    export.add_argument("-o", dest="out", metavar="DIR", help="write the files here (default: beside identified.json)")
+    paper.add_argument("robot", metavar="ROBOT_DIR", nargs="?", default="robots/ypp3", help="default robots/ypp3")
+    for sub, action in ((simulate, _simulate), (run, _run), (fit, _fit), (export, _export), (paper, _paper)):
+        sub.set_defaults(action=action)
+
+
+def _share(text: str) -> float:
+    """1% or 0.01, as a number."""
+    value = float(text[:-1]) / 100 if text.endswith("%") else float(text)
+    if not 0.0 < value < 1.0:
+        raise ValueError(text)
+    return value
+
+
+_share.__name__ = "share"  # as argparse calls it in "invalid share value"
+
+
+def _effects(options: argparse.Namespace, drives: Sequence[Drive]) -> list[Effect]:
+    """The effects of --effect, written to the file of --truth where one is wanted."""
+    from ident.effects.catalogue import parse, truth
+
+    effects = [parse(text, drives) for text in getattr(options, "effect", ())]
+    if getattr(options, "truth", None):
+        path = Path(options.truth)
+        beside = path.with_name(f".{path.name}.part")
+        beside.write_text(json.dumps(truth(effects, drives), indent=1) + "\n")
+        os.replace(beside, path)
+    return effects
+
+
+def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str, Any]]:
+    """Writes the planned campaign of a robot directory on the simulated robot; what to tell of it, and whether zeros are
+    believed."""
+    from ident.bench import design, head
+    from ident.design import summary
+    from ident.resume import run_to_file
+    from symgen.plan import chain_of_robot, load_plan_cells, make_model, plan_of_robot
+    from symgen.robot import load_robot
+
+    robot = _shortened(load_robot(options.robot), options)
+    if getattr(options, "plan", None):
+        model = make_model(chain_of_robot(robot), believe_zeros=robot.believe_zeros)
+        planned = load_plan_cells(options.plan, model)
+    else:
+        plan = plan_of_robot(robot)
+        model, planned = plan.model, plan.cells
+    chain, cells = model.chain, [(cell.joint, cell.q) for cell in planned]
+    effects = _effects(options, [robot.drive(name) for name in chain.names])
+    wanted = None
+    if options.target:
+        from ident.precision import for_target
+
+        wanted = for_target(model, robot, cells, options.target, lock=options.lock, seed=options.seed)
+        robot = wanted.robot
+    jobs = design(chain, robot, cells, lock=options.lock, seed=options.seed, effects=effects)
+    if wanted:
+        jobs = tuple(
+            replace(job, setup=replace(job.setup, periods=k)) for job, k in zip(jobs, wanted.periods, strict=True)
+        )
+    notes = (*summary(chain, [job.setup for job in jobs]), *([f"For --target {wanted.text}"] if wanted else ()))
+    empty = head(chain, robot, (), lock=options.lock)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with progress.bar(options) as update:
+        run_to_file(
+            jobs, empty, path, progress=update, say=lambda line: print(f"ident: {line}", file=sys.stderr, flush=True)
+        )
+    records = [job.id for job in jobs]
+    told: dict[str, Any] = {"campaign": str(path), "records": records, "source": empty.source, "notes": notes}
+    if wanted:
+        told["precision"] = {"target": options.target, "predicted": wanted.sigma, "robot_time_s": wanted.seconds}
+    return robot.believe_zeros, told
+
+
+def _shortened(robot: Robot, options: argparse.Namespace) -> Robot:
+    """The robot with the line spacing and the periods of the command line, where they are given."""
+    e = robot.experiment
+    f0, periods = getattr(options, "spacing", None), getattr(options, "periods", None)
+    if f0 is not None:
+        samples = e.fs / f0 if f0 > 0.0 else 0.0
+        if not (e.fs / 2 > e.band[1] >= f0 > 0.0 and abs(samples - round(samples)) < 1e-9 * samples):
+            raise IdentError(
+                f"--spacing {f0:g}: expected Hz that divide the sampling rate of {e.fs:g} Hz, below {e.band[1]:g}"
+            )
+        e = replace(e, f0=f0, band=(max(e.band[0], f0), e.band[1]))
+    if periods is not None:
+        if periods < 2:
+            raise IdentError(f"--periods {periods}: expected 2 or more (at least one settles)")
+        e = replace(e, periods=periods)
+    return replace(robot, experiment=e)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    _, done = _simulated(options, Path(options.out))
+    if options.json:
+        print(json.dumps(done, ensure_ascii=False))
+        return 0
+    for note in done["notes"]:
+        print(note)
+    print(f"{options.out}: {len(done['records'])} records, {done['source']}")
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    from ident.store import read_campaign
+
+    out = Path(options.out)
+    believe_zeros, told = _simulated(options, out / "campaign.h5")
+    return _identified(read_campaign(out / "campaign.h5"), believe_zeros, out, options, told.get("precision"))
+
+
+def _fit(options: argparse.Namespace) -> int:
+    from ident.store import read_campaign
+
+    campaign = read_campaign(options.campaign)
+    return _identified(campaign, options.believe_zeros, Path(options.out), options)
+
+
+def _export(options: argparse.Namespace) -> int:
+    from ident.export import read, write_files
+
+    place = Path(options.result)
+    files = write_files(read(place), options.out or (place if place.is_dir() else place.parent))
+    if options.json:
+        print(json.dumps({"files": [str(path) for path in files]}))
+    else:
+        print("\n".join(str(path) for path in files))
+    return 0
+
+
+def _paper(options: argparse.Namespace) -> int:
+    from ident import paper
+
+    tables = paper.run(options.robot, progress=progress.line(options))
+    print(json.dumps(paper.document(tables)) if options.json else paper.text(tables))
+    return 0
+
+
+def _identified(
+    campaign: Campaign, believe_zeros: bool | None, out: Path, options: argparse.Namespace,
+    precision: dict[str, float] | None = None,
+) -> int:  # fmt: skip
+    from ident import report
+    from ident.export import write_identified
+    from ident.identify import METHODS, identify
+    from ident.result_page import doubtful, page
+    from ident.side_by_side import comparison, table
+    from symgen.robot import load_robot
+
+    every = options.method == "all"
+    result, *others = (
+        identify(campaign, method=method, believe_zeros=believe_zeros, progress=progress.line(options))
+        for method in (METHODS if every else (options.method,))
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    report.write(result, out, precision)
+    report.summary_plot(result, out / "responses.svg")
+    write_identified(result, out, load_robot(options.robot) if options.command == "run" else None)
+    document = report.result_document(result, precision)
+    if every:
+        document["methods"] = comparison([result, *others])
+    if options.json:
+        print(json.dumps(document, ensure_ascii=False))
+    else:
+        if every:
+            print(table(document["methods"]))
+        print(page(result, document, options.brief))
+        print(f"Report: {out / 'report.html'}")
+        print(f"Plot:   {out / 'responses.svg'}")
+        print(f"Robot:  {out / 'robot.toml'} with identified.urdf, identified.xml (MuJoCo), J.casadi, J.c")
+    return 1 if doubtful(document) else 0
