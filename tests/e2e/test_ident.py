@@ -81,6 +81,7 @@ def test_rigid_locks_give_the_inertia_matrix(folder: Path, capsys: pytest.Captur
         assert abs(value - cad) < 5 * std, name
     assert judged(folder / "rigid") < 3e-3
     assert (folder / "rigid" / "report.html").stat().st_size > 10_000
+    assert "precision" not in json.loads((folder / "rigid" / "result.json").read_text())  # none was asked for
 
 
 def test_fit_reads_only_the_campaign(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -132,3 +133,16 @@ def test_the_methods_stand_side_by_side(folder: Path, capsys: pytest.CaptureFixt
     assert main(["fit", campaign, "-o", out, "--method", "all", "--believe-zeros"]) == 0
     shown = capsys.readouterr().out.splitlines()
     assert shown[0].split()[:4] == ["record", "entry", "coupled", "sigma"] and "two-mass" in shown[0]
+
+
+def test_what_was_asked_predicted_and_achieved_stands_in_the_result(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["run", str(ROBOT), "--lock", "rigid", "--target", "1%", "-o", str(folder / "target")]
+    status, result = run(arguments, capsys)
+    told = result["precision"]
+    assert status == 0
+    assert json.loads((folder / "target" / "result.json").read_text())["precision"] == told
+    assert set(told) == {"target", "predicted", "robot_time_s", "achieved"}
+    # a quarter of the variance is kept for what leakage may cost (ALLOWANCE), and settled periods may be one more than planned
+    assert told["target"] == 0.01 > told["predicted"] > told["achieved"] > 0.5 * told["predicted"]

@@ -108,6 +108,16 @@ def test_the_document_keeps_every_promise_in_plain_json(good, bad):
     assert not report.result_document(bad)["explained"]
 
 
+def test_the_precision_asked_for_stands_beside_the_one_achieved(good):
+    asked = {"target": 0.01, "predicted": 0.008, "robot_time_s": 60.0}
+    document = report.result_document(good, asked)
+    entries = np.array(document["certainty"]["per_entry"])
+    assert document["precision"] == {**asked, "achieved": entries.max()}
+    assert "precision" not in report.result_document(good)
+    blind = replace(good, unseen=np.eye(len(good.alpha_all)))
+    assert report.result_document(blind, asked)["precision"]["achieved"] is None
+
+
 def test_identified_numbers_are_the_truth_within_their_errors(good):
     document = report.result_document(good)
     truth = {"K": K, "J_m": J_M, "D": 0.75 * J_M}
