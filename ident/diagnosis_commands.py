@@ -116,8 +116,8 @@ def _joined(paths: Sequence[str]) -> Campaign:
 
 def _model(campaign: Campaign, options: argparse.Namespace) -> tuple[Model, tuple[str, ...]]:
     """The declared arm with the constants that the records show, and a note where zeros had to be believed for that."""
+    from ident.campaign_model import model_of_campaign
     from ident.frf import estimate
-    from ident.identify import model_of_campaign
 
     responses = [estimate(record, campaign) for record in campaign.records]
     return model_of_campaign(campaign, responses, options.believe_zeros, "coupled")
