@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from motorbench import around_the_modes, imported, needs_records
 from study import markdown, publish
 
 from ident.arm_fit import evidence, gravity_basis, hold, minimise, residual
@@ -16,43 +16,23 @@ from ident.effects.base import Effect
 from ident.effects.friction import LinkViscous
 from ident.effects.motor import InputDelay
 from ident.frf import estimate
-from ident.importing import import_files
-from ident.mapping import load_map
 from symgen.plan import model_of_urdf
 
-DATA = Path(os.environ.get("IDENT_DATA") or Path(__file__).parents[3] / "shared/data") / "motorbench"
-FILES = [DATA / "MultisineTypeA.mat", DATA / "MultisineTypeB.mat"]
-MAP = """
-[campaign]
-source = "two-inertia motor bench"
-hold = "band-limited"
-[robot]
-joints = ["motor"]
-[joint.motor]
-J_l_kgm2 = 0.005
-torque = {name = "iq_adx", unit = "A"}
-motor_angle = {name = "theta_mx", unit = "rad", offset = "posture"}
-link_angle = {name = "theta_my", unit = "rad", sign = -1, offset = "posture"}
-[record]
-posture_rad = [0]
-time = {name = "time", unit = "us"}
-reference = "iq_refx"
-"""
 TRIED: dict[str, tuple[Effect, ...]] = {
     "two masses, damped": (),
     "+ friction of the load": (LinkViscous.of(0, {"damping": 1e-3}),),
     "+ delay of the current": (LinkViscous.of(0, {"damping": 1e-3}), InputDelay.of(0, {"time": 1e-4})),
 }
-#: No model tried explains the bench to its noise: lines are weighted by that and an error granted of this share of each angle.
-DOUBT = 0.05
+#: No model tried explains the bench to its noise: lines are weighted by that and an error granted, of this share of each angle
+#: in the end.
+DOUBTS = (1.0, 0.2, *[0.05] * 10)
 SIZES = {"damping": 1e-2, "time": 1e-4}
 
 
 @pytest.mark.bench
-@pytest.mark.skipif(not all(file.is_file() for file in FILES), reason=f"no records in {DATA}; set IDENT_DATA")
+@needs_records
 def test_fitted_on_one_record_scored_on_the_other(tmp_path: Path) -> None:
-    (tmp_path / "map.toml").write_text(MAP)
-    campaign = import_files(load_map(tmp_path / "map.toml"), FILES).campaign
+    campaign = imported(tmp_path).campaign
     model = model_of_urdf(campaign.urdf, campaign.joints)
     basis = gravity_basis(model, campaign.gravity)
     rows, last = [], (np.inf, np.inf, np.inf)
@@ -65,8 +45,7 @@ def test_fitted_on_one_record_scored_on_the_other(tmp_path: Path) -> None:
         limits = [(p.low, p.high) for p in kinds]
         fit = problem_of(campaign, model, basis, data[:1], start, effects, [SIZES[p.name] for p in kinds], limits)
         begin = np.concatenate([start.vector(), *[e.values for e in effects]])
-        fit = replace(fit, doubt=DOUBT)
-        found = minimise(fit, begin, (1.0, 0.2))
+        found = minimise(fit, begin, DOUBTS, outer=0)
         p, score = fit.parameters(found.vector), []
         for one in data:
             problem = replace(fit, data=(one,))
@@ -112,14 +91,10 @@ def load_side(campaign) -> float:
     """J_l by momentum: J_m theta + J_l q = tau / s^2 at every line, both encoders, around the modes where friction is small."""
     equations, right = [], []
     for record in campaign.records:
-        S = record.samples_per_period
-        periods = np.stack([record.tau[:, 0], record.theta[:, 0], record.q_link[:, 0]]).reshape(3, -1, S)
-        tau, theta, q = np.fft.rfft(periods[:, 10:].mean(axis=1))[:, record.lines]
-        f = record.lines * record.f0
-        near = (f > 40) & (f < 100)
-        s = 2j * np.pi * f[near]
-        columns = np.stack([s**2 * theta[near], s**2 * q[near]], axis=1) / np.abs(tau[near])[:, None]
+        f, tau, theta, q = around_the_modes(record)
+        s = 2j * np.pi * f
+        columns = np.stack([s**2 * theta, s**2 * q], axis=1) / np.abs(tau)[:, None]
         equations += [columns.real, columns.imag]
-        b = tau[near] / np.abs(tau[near])
+        b = tau / np.abs(tau)
         right += [b.real, b.imag]
     return float(np.linalg.lstsq(np.concatenate(equations), np.concatenate(right), rcond=None)[0][1])
