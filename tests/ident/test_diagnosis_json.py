@@ -23,13 +23,6 @@ RESULT = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def file(tmp_path):
-    path = tmp_path / "campaign.h5"
-    path.write_bytes(b"not read, only signed")
-    return path
-
-
 def strict(document):
     """The document as another program reads it; ValueError for NaN."""
     return json.loads(json.dumps(document, allow_nan=False))

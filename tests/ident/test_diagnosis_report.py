@@ -15,13 +15,6 @@ from ident.diagnosis_report import html, sentence, text, todo
 HOSTILE = "<script>alert(1)</script> {{ 7 }} & co"
 
 
-@pytest.fixture
-def file(tmp_path):
-    path = tmp_path / "campaign.h5"
-    path.write_bytes(b"")
-    return path
-
-
 def test_the_page_opens_with_what_was_found_and_holds_before_and_after(file):
     d = diagnosis()
     v = verdict_document(d, [file])
