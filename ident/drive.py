@@ -13,8 +13,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ident.campaign import Array
-from ident.fit import PARAMETERS, TwoMass
-from ident.modal import Modal
+from ident.fit import PARAMETERS, JointFit
 from ident.solve import CONFIDENCE, Combined, combine
 
 _SHARED = ("K", "J_m")
@@ -39,7 +38,7 @@ class SharedDrive:
     agrees: bool
 
 
-def share(joint: str, fits: Sequence[TwoMass | Modal]) -> SharedDrive:
+def share(joint: str, fits: Sequence[JointFit]) -> SharedDrive:
     """Returns what the fits [R] of one joint's records say together: generalised least squares on (K, J_m, J_l) of each.
 
     A record that its model does not explain enters with its covariance times its chi^2 per degree of freedom.
@@ -81,5 +80,5 @@ def share(joint: str, fits: Sequence[TwoMass | Modal]) -> SharedDrive:
     return SharedDrive(joint, **combined, J_l=J_l, covariance=spread, chi2=misfit, dof=dof, agrees=True)
 
 
-def _std(fit: TwoMass | Modal, name: str) -> float:
+def _std(fit: JointFit, name: str) -> float:
     return float(fit.std_inflated[PARAMETERS.index(name)])

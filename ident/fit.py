@@ -52,14 +52,11 @@ class ThreePoint:
 
 
 @dataclass(frozen=True)
-class TwoMass:
-    """A flexible joint fitted to one response.
+class JointFit:
+    """A flexible joint fitted to one response: J_m .. K_g and `covariance` [6, 6] in the order and units of `PARAMETERS`.
 
-    J_m .. K_g, `std` [6] and `covariance` [6, 6] in the order and units of `PARAMETERS`, from the measured noise alone.
-    `chi2_per_dof` over `dof` degrees of freedom; `explained` when it is below `chi2_limit`. `std_inflated` [6] is `std`
-    times sqrt(chi2_per_dof) when the model does not explain the data, else `std`: a better guess then, not a bound,
-    because model errors are no noise. `f_AR`, `f_R` [Hz] by (4); `inertia_ratio` J_l / (N^2 J_m); `band_ratio` f_AR
-    over the highest line.
+    The covariance is from the measured noise alone. `chi2_per_dof` over `dof` degrees of freedom; `explained` when it is
+    below `chi2_limit`. `status` says what the data do not tell.
     """
 
     record: str
@@ -70,23 +67,38 @@ class TwoMass:
     D: float
     D_spring: float
     K_g: float
-    std: Array
     covariance: Array
     chi2_per_dof: float
     dof: int
     chi2_limit: float
     explained: bool
-    std_inflated: Array
-    f_AR: float
-    f_R: float
-    inertia_ratio: float
-    band_ratio: float
     status: tuple[str, ...]
 
     @property
     def parameters(self) -> Array:
-        """The six parameters [6] in the order of `PARAMETERS`."""
+        """The six parameters [6]."""
         return np.array([getattr(self, name) for name in PARAMETERS])
+
+    @property
+    def std(self) -> Array:
+        """Their standard deviations [6]."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def std_inflated(self) -> Array:
+        """These times sqrt(chi2_per_dof) where the model does not explain the data: a better guess then, not a bound, because
+        model errors are no noise."""
+        return self.std * (1.0 if self.explained else np.sqrt(self.chi2_per_dof))
+
+
+@dataclass(frozen=True)
+class TwoMass(JointFit):
+    """A motor and its load: `f_AR`, `f_R` [Hz] by (4); `inertia_ratio` J_l / (N^2 J_m); `band_ratio` f_AR over the highest line."""
+
+    f_AR: float
+    f_R: float
+    inertia_ratio: float
+    band_ratio: float
 
 
 def predict(parameters: ArrayLike, frequencies: ArrayLike, N: float, fs: float, hold: str) -> Complex:
@@ -154,6 +166,7 @@ def two_mass(
     covariance, condition = _covariance(np.sqrt(2.0) * dH / sigma[:, None], best)
     u1, u2 = _weight_moments(frf.dof)
     covariance *= u2 / u1  # estimated weights claim u1 times the information, and scatter
+    covariance.setflags(write=False)
     std = np.sqrt(np.diag(covariance))
     explained = bool(cost / dof <= limit)
     J_m, K, J_l, D, D_spring, K_g = map(float, best)
@@ -170,9 +183,8 @@ def two_mass(
     if not converged:
         status.insert(0, "the fit did not converge")
     return TwoMass(
-        frf.record, frf.joint, J_m, K, J_l, D, D_spring, K_g, _readonly(std), _readonly(covariance),
-        float(cost / dof), dof, limit, explained, _readonly(std * inflation), f_AR, f_R, J_l / (N**2 * J_m),
-        f_AR / float(f[-1]), tuple(where + line for line in status),
+        frf.record, frf.joint, J_m, K, J_l, D, D_spring, K_g, covariance, float(cost / dof), dof, limit, explained,
+        tuple(where + line for line in status), f_AR, f_R, J_l / (N**2 * J_m), f_AR / float(f[-1]),
     )  # fmt: skip
 
 
@@ -194,12 +206,6 @@ def chi2_limit(lines: int, dof: int, variance_dof: float, width: int, confidence
 def _weight_moments(nu: float) -> tuple[float, float]:
     """Returns E u and E u^2 of a weight u = 1 / (chi2_nu / nu), one over a variance estimated with nu > 4 dof."""
     return nu / (nu - 2.0), nu**2 / ((nu - 2.0) * (nu - 4.0))
-
-
-def _readonly(values: Array) -> Array:
-    array = np.array(values, dtype=float)
-    array.setflags(write=False)
-    return array
 
 
 def _vector(parameters: ArrayLike) -> Array:

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares, nnls
 from ident.arm_fit import live_joints
 from ident.campaign import Array, Campaign
 from ident.errors import IdentError
-from ident.fit import PARAMETERS, UNTOLD, chi2_limit
+from ident.fit import PARAMETERS, UNTOLD, JointFit, chi2_limit
 from ident.frf import BINS, ORDER, Complex, Frf
 from ident.start import START_DAMPING
 
@@ -38,41 +38,17 @@ TOLD_SHARE = 1e-3
 
 
 @dataclass(frozen=True)
-class Modal:
-    """The excited joint of one record, read by its modes; names, units and order of `PARAMETERS` as in `fit.TwoMass`.
+class Modal(JointFit):
+    """The excited joint of one record, read by its modes.
 
     `f_AR`, `zeta` and `mass` [modes]: anti-resonances [Hz], damping ratios, modal masses [kg m2], of which J_l is the sum.
     `J_m` holds the masses of modes above the band. `G` [L] is the model's theta / tau with the other motors moving as they did.
     """
 
-    record: str
-    joint: str
-    J_m: float
-    K: float
-    J_l: float
-    D: float
-    D_spring: float
-    K_g: float
-    covariance: Array
-    chi2_per_dof: float
-    dof: int
-    chi2_limit: float
-    explained: bool
     f_AR: Array
     zeta: Array
     mass: Array
     G: Complex
-    status: tuple[str, ...]
-
-    @property
-    def parameters(self) -> Array:
-        """The six parameters [6] in the order of `PARAMETERS`."""
-        return np.array([getattr(self, name) for name in PARAMETERS])
-
-    @property
-    def std_inflated(self) -> Array:
-        """Standard deviations [6], times sqrt(chi2_per_dof) where the modes do not explain the data."""
-        return np.sqrt(np.diag(self.covariance)) * (1.0 if self.explained else np.sqrt(self.chi2_per_dof))
 
 
 def modal(frf: Frf, campaign: Campaign, J: Array | None = None) -> Modal:
@@ -334,7 +310,7 @@ def _reading(scene: _Scene, frf: Frf, fit: _Fit, J: Array | None, campaign: Camp
     G[frf.usable] *= scene.x[:, 0] / x
     return Modal(
         frf.record, frf.joint, J_m, K, J_l, D, D_spring, K_g, covariance, float(chi2), dof, limit, bool(chi2 <= limit),
-        w / (2 * np.pi), zeta, _masses(scene, fit), G, status,
+        status, w / (2 * np.pi), zeta, _masses(scene, fit), G,
     )  # fmt: skip
 
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from ident.campaign import Array, Campaign
 from ident.coupled import DRIVES, CoupledFit
 from ident.drive import SharedDrive, share
-from ident.fit import ThreePoint, TwoMass
-from ident.modal import Modal
+from ident.fit import JointFit, ThreePoint
 from ident.solve import Alpha, Combined, inertia_std, solve
 from symgen.plan import Model
 
@@ -52,7 +51,7 @@ def of_records(
     model: Model,
     q: Array,
     index: Array,
-    fits: Sequence[TwoMass | Modal],
+    fits: Sequence[JointFit],
     three: Sequence[ThreePoint] | None = None,
 ) -> OneArm:
     """Returns the arm of R fits, one a record; `q` and `index` as in `of_coupled`. J_ii is that of `three`, where given."""
@@ -101,7 +100,7 @@ def _coupled_drives(campaign: Campaign, coupled: CoupledFit) -> tuple[SharedDriv
     )
 
 
-def _drives(campaign: Campaign, fits: Sequence[TwoMass | Modal]) -> tuple[SharedDrive, ...]:
+def _drives(campaign: Campaign, fits: Sequence[JointFit]) -> tuple[SharedDrive, ...]:
     """One a joint that was excited, base to tip."""
     by_joint = {joint: [fit for fit in fits if fit.joint == joint] for joint in campaign.joints}
     return tuple(share(joint, own) for joint, own in by_joint.items() if own)

@@ -31,10 +31,9 @@ def reading(J_l: float, noise: np.ndarray, *, K: float = TRUE["K"]) -> TwoMass:
     covariance = np.diag((1e-4 * np.maximum(np.abs(true), 1.0)) ** 2)
     covariance[np.ix_(use, use)] = covariance_of(J_l) * np.outer(true[use], true[use])
     true[use] *= 1 + np.linalg.cholesky(covariance_of(J_l)) @ noise
-    std = np.sqrt(np.diag(covariance))
     return TwoMass(
-        "0001", "joint1", *true, std, covariance, chi2_per_dof=1.0, dof=500, chi2_limit=1.2, explained=True,
-        std_inflated=std, f_AR=10.0, f_R=12.0, inertia_ratio=1.0, band_ratio=0.1, status=(),
+        "0001", "joint1", *true, covariance, chi2_per_dof=1.0, dof=500, chi2_limit=1.2, explained=True,
+        f_AR=10.0, f_R=12.0, inertia_ratio=1.0, band_ratio=0.1, status=(),
     )  # fmt: skip
 
 
@@ -81,7 +80,7 @@ def test_a_stiffness_that_changes_between_postures_is_not_shared() -> None:
 
 def test_a_fit_that_does_not_explain_its_record_counts_less() -> None:
     good, bad = (reading(J, n) for J, n in zip(J_L[:2], draws(1)[0][:2], strict=True))
-    bad = replace(bad, explained=False, chi2_per_dof=1e4, std_inflated=100 * bad.std)
+    bad = replace(bad, explained=False, chi2_per_dof=1e4)
     drive = share("joint1", [good, bad])
     assert np.sqrt(drive.covariance[1, 1]) > 10 * bad.std[2]
     assert drive.K.value == pytest.approx(good.K, rel=1e-5)
