@@ -73,9 +73,9 @@ def d_efficiency(F: Array, log_det_bound: float) -> float:
     return float(np.exp(min((np.linalg.slogdet(F.T @ F / N)[1] - log_det_bound) / d, 0.0)))
 
 
-def optimum(rows: Rows, holding: Holding, start: Cells, rounds: int) -> Optimum:
-    """Returns the spread of measurements reached from `start` (feasible cells of full rank) within `rounds` >= 1."""
-    return list(islice(optima(rows, holding, start), rounds))[-1]
+def further(spreads: Iterator[Optimum], rounds: int, *known: Optimum) -> Optimum:
+    """Returns the last of the next `rounds` >= 1 of `optima`; the one `known` where there are no more."""
+    return [*known, *islice(spreads, rounds)][-1]
 
 
 def optima(rows: Rows, holding: Holding, start: Cells) -> Iterator[Optimum]:

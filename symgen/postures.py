@@ -11,9 +11,7 @@ measurement. Exactly d cells can not do better than 1 at the worst (i, q) (Kiefe
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -23,7 +21,7 @@ from symgen.basis import Factoring
 from symgen.cells import Cells, Rows, every_joint, ranked, spread
 from symgen.chain import Array, readonly
 from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, Holding, Mask, box, home
-from symgen.optimal import Optimum, d_efficiency, optima
+from symgen.optimal import d_efficiency, further, optima
 from symgen.renewal import renewed
 from symgen.saturated import CANDIDATES, Search, candidates, saturated
 
@@ -153,7 +151,7 @@ def plan(
     work, holding = _WORK[effort], Holding(chain, box(chain.limits), feasible)
     start = candidates(rows, holding)
     spreads = optima(rows, holding, start[np.arange(len(start)) < 4 * d])
-    best = _further(spreads, work.rounds)
+    best = further(spreads, work.rounds)
     cells = saturated(rows, start[np.arange(len(start)) < d], best, holding, work.search)
     rng = np.random.default_rng(0)
     for _ in range(work.turns):
@@ -162,7 +160,7 @@ def plan(
             break
         missed = work.enough / d_efficiency(F, best.log_det)
         if np.exp((best.log_det_bound - best.log_det) / d) > missed:
-            best = _further(spreads, work.more, best)
+            best = further(spreads, work.more, best)
         else:
             cells = renewed(rows, cells, best, holding, work.tries, work.enough, rng)
     _, needed = holding.placed(cells)
@@ -180,12 +178,7 @@ def certificate(rows: Rows, F: Array, holding: Holding, effort: Effort = "quick"
 def _log_det_bound(rows: Rows, holding: Holding, effort: Effort) -> float:
     start = candidates(rows, holding)
     spreads = optima(rows, holding, start[np.arange(len(start)) < 4 * rows.factoring.d])
-    return _further(spreads, _WORK[effort].rounds).log_det_bound
-
-
-def _further(spreads: Iterator[Optimum], rounds: int, *known: Optimum) -> Optimum:
-    """The last of the next `rounds` spreads; the one `known` where there are no more."""
-    return [*known, *islice(spreads, rounds)][-1]
+    return further(spreads, _WORK[effort].rounds).log_det_bound
 
 
 def judged(
@@ -199,7 +192,7 @@ def judged(
     """Returns the design with its amplification, conditioning and certificate, whoever chose the cells.
 
     Amplification and whitening are taken over the whole joint limits, feasible or not, the certificate over the cells that
-    may be held; `log_det_bound` as of `optimal.optimum`, which is called where it is not given.
+    may be held; `log_det_bound` as of `optimal.Optimum`, found by a quick search where it is not given.
     """
     n = q.shape[1]
     if log_det_bound is None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from symgen.basis import Factoring, factor
 from symgen.cells import Rows, every_joint, spread
 from symgen.holding import Holding, Mask, box
-from symgen.optimal import d_efficiency, optima, optimum
+from symgen.optimal import d_efficiency, further, optima
 from symgen.plan import feasible_postures
 from symgen.saturated import candidates
 
@@ -45,7 +45,7 @@ def test_the_bound_is_a_bound_and_close(name: str, rotor: float) -> None:
     holding = Holding(found.chain, allowed, None)
     reached = by_brute_force(rows, allowed, 1500, 300)
     start = candidates(rows, holding)
-    quick, full = (optimum(rows, holding, start, rounds) for rounds in (2, 25))
+    quick, full = (further(optima(rows, holding, start), rounds) for rounds in (2, 25))
     assert full.log_det_bound >= reached and quick.log_det_bound >= reached
     assert full.log_det_bound <= quick.log_det_bound
     # 1 % is what the search stops at; brute force over 1500 postures misses the best cells by another 1 %
@@ -69,7 +69,7 @@ def test_behind_walls_the_bound_is_that_of_the_feasible_cells(name: str) -> None
     rows, allowed = Rows(found, np.zeros(found.chain.n)), box(found.chain.limits)
     reached = by_brute_force(rows, allowed, 3000, 300, walled)
     best, free = (
-        optimum(rows, holding, candidates(rows, holding), 25)
+        further(optima(rows, holding, candidates(rows, holding)), 25)
         for holding in (Holding(found.chain, allowed, mask) for mask in (walled, None))
     )
     # 3000 postures miss the best cells, which stand at the walls, by some percent more than without any
@@ -96,7 +96,9 @@ def test_the_search_goes_on_where_it_stood_and_ends_by_itself() -> None:
     bounds = [best.log_det_bound for best in rounds]
     assert bounds == sorted(bounds, reverse=True)
     assert all(best.log_det <= bounds[-1] for best in rounds), "what some weights reach is below every bound"
-    assert optimum(rows, holding, start, 3).log_det_bound == bounds[2]
+    spreads = optima(rows, holding, start)
+    assert [further(spreads, k).log_det_bound for k in (1, 2)] == [bounds[0], bounds[2]]
+    assert further(iter(()), 3, rounds[-1]) is rounds[-1]
 
 
 @pytest.mark.bench

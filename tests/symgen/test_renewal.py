@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from symgen.cells import Cells, Rows
 from symgen.holding import Holding, Mask, box
-from symgen.optimal import Optimum, d_efficiency, optimum
+from symgen.optimal import Optimum, d_efficiency, further, optima
 from symgen.renewal import renewed
 from symgen.saturated import Merit, Search, candidates, saturated
 
@@ -22,7 +22,7 @@ def planned(mask: Mask | None) -> tuple[Rows, Holding, Cells, Optimum]:
     rows = Rows(factoring_of("ur5"), np.zeros(6))
     holding = Holding(arm("ur5"), box(arm("ur5").limits), mask)
     start = candidates(rows, holding)
-    best = optimum(rows, holding, start, 4)
+    best = further(optima(rows, holding, start), 4)
     return rows, holding, saturated(rows, start[np.arange(28)], best, holding, Search(2, 1, 0, 0)), best
 
 

@@ -16,7 +16,7 @@ from symgen.cells import Rows
 from symgen.chain import Chain
 from symgen.errors import PlanError
 from symgen.holding import Holding, box
-from symgen.optimal import optimum
+from symgen.optimal import further, optima
 from symgen.saturated import Merit, Search, candidates, maxvol, saturated
 
 
@@ -89,7 +89,7 @@ def test_a_longer_search_is_not_worse() -> None:
     rows = Rows(factoring_of("ur5"), np.zeros(6))
     holding, merit = free(arm("ur5")), Merit(rows)
     start = candidates(rows, holding)
-    first, best = start[np.arange(28)], optimum(rows, holding, start, 4)
+    first, best = start[np.arange(28)], further(optima(rows, holding, start), 4)
     found = [
         merit(rows.of_cells(saturated(rows, first, best, holding, search)))
         for search in (Search(1, 0, 0, 0), Search(6, 1, 10, 20), Search(24, 6, 40, 200))
@@ -106,7 +106,7 @@ def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
     rows = Rows(factoring_of("ur5"), np.zeros(6))
     holding = Holding(arm("ur5"), box(arm("ur5").limits), in_front)
     merit, start = Merit(rows), candidates(rows, holding)
-    first, best = start[np.arange(28)], optimum(rows, holding, start, 4)
+    first, best = start[np.arange(28)], further(optima(rows, holding, start), 4)
     assert holding.keeps(start).all() and holding.keeps(best.cells).all()
     short, long = (
         saturated(rows, first, best, holding, search) for search in (Search(6, 2, 0, 0), Search(6, 2, 40, 200))
@@ -115,7 +115,7 @@ def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
         passed, placed = holding.placed(cells)
         assert passed.all() and in_front(placed.q).all()
     assert merit(rows.of_cells(long)) > merit(rows.of_cells(short)) + 0.1, "refined up to the walls"
-    anywhere = optimum(rows, free(arm("ur5")), start, 4)
+    anywhere = further(optima(rows, free(arm("ur5")), start), 4)
     assert anywhere.log_det_bound > best.log_det_bound
     unbound = saturated(rows, first, anywhere, free(arm("ur5")), Search(6, 2, 40, 200))
     assert merit(rows.of_cells(unbound)) > merit(rows.of_cells(long)), "walls cost something"
