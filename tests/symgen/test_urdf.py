@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import model_of
 
 from symgen.angles import about
-from symgen.chain import PRISMATIC, REVOLUTE, Chain, Joint
+from symgen.chain import REVOLUTE, Chain, Joint
 from symgen.errors import UrdfError
 from symgen.urdf import load_chain, parse_chain
 
@@ -25,17 +26,6 @@ ROUNDING = 1e-12
 
 
 # Judges --------------------------------------------------------------------------------------------------------------
-
-
-def model_of(chain: Chain) -> pin.Model:
-    """The chain as a pinocchio model, joint by joint."""
-    model, parent = pin.Model(), 0
-    for joint in chain.joints:
-        kind = pin.JointModelPrismaticUnaligned if joint.type == PRISMATIC else pin.JointModelRevoluteUnaligned
-        parent = model.addJoint(parent, kind(joint.axis), pin.SE3(joint.R, joint.p), joint.name)
-        body = joint.inertia
-        model.appendBodyToJoint(parent, pin.Inertia(body.mass, body.com, body.I), pin.SE3.Identity())
-    return model
 
 
 def with_full_pi(text: str) -> str:
