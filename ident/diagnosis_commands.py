@@ -125,14 +125,16 @@ def _model(campaign: Campaign, options: argparse.Namespace) -> tuple[Model, tupl
 
 def _write_robot(d: Diagnosis, out: Path) -> None:
     from ident.coupled import uncertainty
-    from ident.export import write_arm
+    from ident.export import write_files
+    from ident.identified import of_parts
 
     problem, minimum = d.end.problem, d.end.minimum
     p = problem.parameters(minimum.vector)
     covariance, unseen, _ = uncertainty(problem, minimum)
     effects = ", ".join(a.effect.name for a in d.added) or "nothing"
     source = f"{d.campaign.source}; diagnosed, {effects} added"
-    write_arm(d.campaign, d.model, p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring, out, source=source)
+    numbers = (p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring)
+    write_files(of_parts(d.campaign, d.model, *numbers, source=source), out)
 
 
 def _next(options: argparse.Namespace) -> int:

@@ -17,16 +17,16 @@ from pathlib import Path
 import numpy as np
 
 from ident import identified as identified_arm
-from ident.campaign import Array, Campaign
+from ident.campaign import Array
 from ident.errors import IdentError
-from ident.identified import Identified, of_identification, of_parts
+from ident.identified import Identified, of_identification
 from ident.identify import Identification
 from ident.links import Links, nearest_links
 from ident.physical import pseudo_inertia
 from ident.robot_text import HEAD, one_line, robot_toml
 from ident.urdf_text import read_inertias, replace_inertias, xml_comment
 from symgen.chain import Chain, Inertia, skew
-from symgen.plan import Model, source_of_J, write_J
+from symgen.plan import source_of_J, write_J
 from symgen.robot import Robot
 
 #: Of what a link's identified inertia leaves for the links fixed to it, the share they get when they have to be scaled.
@@ -46,26 +46,6 @@ def write_identified(
     limits and experiment go into robot.toml. Raises IdentError naming the file that can not be written.
     """
     return write_files(of_identification(identification, robot), directory)
-
-
-def write_arm(
-    campaign: Campaign,
-    model: Model,
-    alpha: Array,
-    covariance: Array,
-    unseen: Array,
-    K: Array,
-    J_m: Array,
-    D: Array,
-    D_spring: Array,
-    directory: str | Path,
-    *,
-    robot: Robot | None = None,
-    source: str = "",
-) -> tuple[Path, ...]:
-    """Writes the same files for an arm whose numbers come from elsewhere; arguments as in `identified.of_parts`."""
-    arm = of_parts(campaign, model, alpha, covariance, unseen, K, J_m, D, D_spring, robot=robot, source=source)
-    return write_files(arm, directory)
 
 
 def write_files(arm: Identified, directory: str | Path) -> tuple[Path, ...]:

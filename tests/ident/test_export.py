@@ -22,7 +22,7 @@ from ident.bench import simulate
 from ident.campaign import Campaign, Record
 from ident.cli import main
 from ident.errors import IdentError
-from ident.export import read, write_arm, write_files, write_identified
+from ident.export import read, write_files, write_identified
 from ident.identified import Identified, of_parts
 from ident.identify import identify
 from ident.plant import build_plant
@@ -235,7 +235,8 @@ def test_a_robot_directory_lends_what_no_record_tells(tmp_path: Path) -> None:
     numbers = np.array([[drive.K, drive.J_m, drive.D, drive.D_spring] for drive in declared]).T * 1.1
     campaign = replace(campaign_of(chain.source, chain.names), N=np.array([drive.N for drive in declared]))
     D = len(model.names)
-    write_arm(campaign, model, model.alpha_cad, np.eye(D), np.zeros((D, 0)), *numbers, tmp_path, robot=robot)
+    arm = of_parts(campaign, model, model.alpha_cad, np.eye(D), np.zeros((D, 0)), *numbers, robot=robot)
+    write_files(arm, tmp_path)
     found = load_robot(tmp_path)
     assert found.experiment == robot.experiment
     for old, new, K in zip(declared, found.drives, numbers[0], strict=True):
@@ -313,7 +314,9 @@ def test_welded_links_stay_unless_their_carrier_were_no_body(own: str, scaled: b
     model = model_of_urdf(text, chain.names)
     D, lighter = len(model.names), 0.8 * model.chain.parameters
     drives = np.ones((4, 3))
-    files = write_arm(campaign_of(text, chain.names), model, model.factoring.W @ lighter, np.eye(D), np.zeros((D, 0)), *drives, tmp_path)  # fmt: skip
+    campaign = campaign_of(text, chain.names)
+    arm = of_parts(campaign, model, model.factoring.W @ lighter, np.eye(D), np.zeros((D, 0)), *drives)
+    files = write_files(arm, tmp_path)
     made = files[FILES.index("identified.urdf")].read_text()
     q = model.random_postures(200, np.random.default_rng(0))
     J = model.J(q, model.factoring.W @ lighter)

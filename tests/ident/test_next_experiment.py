@@ -11,7 +11,8 @@ from diagnosed import campaign, diagnosis
 from ident.coupled import uncertainty
 from ident.diagnosis_json import FILE, verdict_document, write
 from ident.errors import IdentError
-from ident.export import write_arm
+from ident.export import write_files
+from ident.identified import of_parts
 from ident.next_experiment import SMALLER, plan_next, wanted
 from ident.store import write_campaign
 from symgen.plan import chain_of_robot, load_plan_cells, make_model
@@ -27,7 +28,8 @@ def verdict(tmp_path_factory):
     problem, found = d.end.problem, d.end.minimum
     p = problem.parameters(found.vector)
     covariance, unseen, _ = uncertainty(problem, found)
-    write_arm(d.campaign, d.model, p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring, out)
+    numbers = (p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring)
+    write_files(of_parts(d.campaign, d.model, *numbers), out)
     return out, verdict_document(d, [file])
 
 
