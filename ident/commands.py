@@ -11,10 +11,10 @@ from pathlib import Path
 from ident.errors import IdentError
 
 #: Returns the parser of a new command: its name and what it does.
-_NewCommand = Callable[[str, str], argparse.ArgumentParser]
+NewCommand = Callable[[str, str], argparse.ArgumentParser]
 
 
-def add(command: _NewCommand) -> None:
+def add(command: NewCommand) -> None:
     """Adds the commands to the command line; each sets `action`, which takes the options and returns the exit status."""
     new = command("new", "Make a robot directory from a URDF: a robot.toml with every key, its numbers to be checked.")
     new.add_argument("urdf", metavar="URDF")

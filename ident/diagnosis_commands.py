@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident import progress
+from ident.commands import NewCommand
 from ident.errors import IdentError
 
 if TYPE_CHECKING:
@@ -21,11 +22,8 @@ if TYPE_CHECKING:
 #: Processes that try candidates, at most: each needs a few hundred MB.
 WORKERS = min(os.cpu_count() or 1, 8)
 
-#: Returns the parser of a new command: its name and what it does.
-_NewCommand = Callable[[str, str], argparse.ArgumentParser]
 
-
-def add(command: _NewCommand) -> None:
+def add(command: NewCommand) -> None:
     """Adds the commands to the command line; each sets `action`, which takes the options and returns the exit status."""
     diagnose = command(
         "diagnose",

@@ -6,12 +6,13 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident import progress
+from ident.commands import NewCommand
 from ident.errors import IdentError
 
 if TYPE_CHECKING:
@@ -19,11 +20,8 @@ if TYPE_CHECKING:
     from ident.effects.base import Effect
     from symgen.robot import Drive, Robot
 
-#: Returns the parser of a new command: its name and what it does.
-_NewCommand = Callable[[str, str], argparse.ArgumentParser]
 
-
-def add(command: _NewCommand) -> None:
+def add(command: NewCommand) -> None:
     """Adds the commands to the command line; each sets `action`, which takes the options and returns the exit status."""
     simulate = command("simulate", "Run the planned campaign on the simulated robot and write the campaign file.")
     run = command("run", "Simulate the planned campaign, identify J(q) from it and write a report.")

@@ -13,8 +13,8 @@ from math import ceil, floor
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
+from ident import rk4
 from ident.delay import Line
 from ident.effects.base import Path, State
 from ident.injection import Injected, Live, mass_matrix
@@ -27,14 +27,10 @@ STEPS = 4
 #: What a torque at one port does at another is brought up to date every so many samples: at swings of 0.01 rad J(q) hardly moves.
 REFRESH = 20
 
-_STABLE, _FOLLOWS = 2.5, 1.0  # |pole| h, w h at the top of the band: as in `Linear.rk4_steps`
-
 
 def steps_for(arm: Injected, Ts: float, top: float) -> int:
     """Steps of the integrator a sample of `Ts` [s] that follow the arm, up to `top` [Hz]; at least `STEPS`."""
-    G = arm.generator()[: 2 * arm.plant.model.nv, : 2 * arm.plant.model.nv]
-    fastest = np.abs(np.linalg.eigvals(G)).max()
-    return max(STEPS, ceil(max(fastest / _STABLE, 2 * np.pi * top / _FOLLOWS) * Ts))
+    return max(STEPS, rk4.steps_needed(arm.generator(), 2 * arm.plant.model.nv, Ts, top))
 
 
 class Machine:
@@ -59,8 +55,8 @@ class Machine:
         self._ctrl = np.array([u * joint.path.gain for u, joint in zip(preload, arm.live, strict=True)])
         data.ctrl[:] = self._ctrl
         mujoco.mj_forward(model, data)
-        rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        self._lacking = _defect(arm.generator(), Ts, steps, model.nv) if rk4 else None
+        of_rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self._lacking = rk4.defect(arm.generator(), 2 * model.nv, Ts, steps) if of_rk4 else None
         self._states = [replace(state) for state in arm.states]
         self._rest = [state.theta for state in arm.states]
         self._driven = [effect for effect in arm.effects if effect.driven(self._states, self._rest)]
@@ -242,13 +238,3 @@ def _between(x0: float, v0: float, x1: float, v1: float, part: float, h: float) 
     """The cubic through two states h [s] apart, at `part` of the way."""
     t, u = part, 1.0 - part
     return x0 * u * u * (1 + 2 * t) + x1 * t * t * (1 + 2 * u) + h * t * u * (v0 * u - v1 * t)
-
-
-def _defect(generator: Array, Ts: float, steps: int, nv: int) -> Array:
-    """[2 nv, 2 nv + m]: what `steps` steps of RK4 a sample lack of the exact linear motion, see `Linear.rk4_defect`."""
-    H = generator * (Ts / steps)
-    step, power = np.eye(len(H)), np.eye(len(H))
-    for k in range(1, 5):
-        power = power @ H / k
-        step += power
-    return np.asarray((expm(H * steps) - np.linalg.matrix_power(step, steps))[: 2 * nv])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
 from xml.etree import ElementTree as ET
 
 import mujoco
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
+from ident import rk4
 from ident.errors import ExperimentError
 from symgen.chain import REVOLUTE, Chain, Inertia, skew
 from symgen.robot import Drive
@@ -29,8 +29,6 @@ mujoco.set_mju_user_warning(lambda message: None)
 INTEGRATORS = ("RK4", "implicitfast", "implicit", "Euler")
 
 _DIFFERENCE = 1e-4  # rad or m: gravity is a trigonometric polynomial, so a central difference is good to about 1e-8
-_RK4_STABLE = 2.5  # |pole| h: RK4 is stable up to 2.78 on the real axis and 2.83 on the imaginary one
-_RK4_FOLLOWS = 1.0  # w h at the top of the band: 1 % of a nonlinear term is lost there, (w h)^4 of it below
 _MASSLESS = 1e-12  # least to largest eigenvalue of J(q): below, rounding decides how the link accelerates
 
 
@@ -102,25 +100,12 @@ class Linear:
         return step[: 4 * m, : 4 * m], step[: 4 * m, 4 * m :], np.hstack([np.diag(self.N), np.zeros((m, 3 * m))])
 
     def rk4_steps(self, Ts: float, top: float) -> int:
-        """Steps of RK4 a sample of Ts [s] that keep every pole within its region of stability, a real one too, and follow
-        motion up to `top` [Hz]. Complete only with `rk4_defect`."""
-        m = len(self.N)
-        poles = np.abs(np.linalg.eigvals(self.generator()[: 4 * m, : 4 * m])).max()
-        return max(1, ceil(max(poles / _RK4_STABLE, 2 * np.pi * top / _RK4_FOLLOWS) * Ts))
+        """Steps of RK4 a sample of Ts [s] for motion up to `top` [Hz], see `rk4.steps_needed`."""
+        return rk4.steps_needed(self.generator(), 4 * len(self.N), Ts, top)
 
     def rk4_defect(self, Ts: float, steps: int) -> Array:
-        """[4m, 5m]: what `steps` steps of RK4 a sample lack, (x, dx/dt, tau) -> (x, dx/dt) at the end of it.
-
-        Added to what RK4 makes of the nonlinear arm, its linear part moves exactly as under a held torque, at any step; what
-        is left of the integrator's error is of the size of the nonlinearity.
-        """
-        H = self.generator() * (Ts / steps)
-        step, power = np.eye(len(H)), np.eye(len(H))
-        for k in range(1, 5):
-            power = power @ H / k
-            step += power
-        rows = 4 * len(self.N)
-        return (expm(H * steps) - np.linalg.matrix_power(step, steps))[:rows]
+        """[4m, 5m]: what so many of them lack, (x, dx/dt, tau) -> (x, dx/dt), see `rk4.defect`."""
+        return rk4.defect(self.generator(), 4 * len(self.N), Ts, steps)
 
 
 def build_plant(

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import re
-
 from ident.identified import Identified
+from ident.toml_text import key, quoted
 from symgen.robot import Drive
 
 #: How the file begins, and by what it is known again.
 HEAD = "# Identified from: "
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
-
 
 #: What the drives of a robot.toml are worth, for a comment in it.
 IDENTIFIED = (
@@ -33,13 +29,15 @@ def robot_toml(
         f"# {one_line(remark)}",
         *(f"# {line}" for line in drives),
         "[robot]",
-        f"urdf = {_string(urdf)}",
+        f"urdf = {quoted(urdf)}",
         f"believe_zeros = {str(arm.believes_zeros).lower()}",
         f"gravity_m_per_s2 = [{', '.join(map(_number, arm.gravity))}]",
     ]
-    lines += [f"{key} = {_string(value)}" for key, value in (("base", arm.base), ("tip", arm.tip)) if value is not None]
+    lines += [
+        f"{name} = {quoted(value)}" for name, value in (("base", arm.base), ("tip", arm.tip)) if value is not None
+    ]
     if arm.at:
-        lines.append(f"at = {{ {', '.join(f'{_key(name)} = {_number(value)}' for name, value in arm.at.items())} }}")
+        lines.append(f"at = {{ {', '.join(f'{key(name)} = {_number(value)}' for name, value in arm.at.items())} }}")
     lines += [
         "",
         "[experiment]",
@@ -61,7 +59,7 @@ def _drive_lines(drive: Drive) -> list[str]:
     per = ("N_rad_per_m", "K_N_per_m", "D_spring_Ns_per_m")
     N, K, D_spring = per if drive.linear else ("N", "K_Nm_per_rad", "D_spring_Nms_per_rad")
     return [
-        f"[joint.{_key(drive.joint)}]",
+        f"[joint.{key(drive.joint)}]",
         f"{N} = {_number(drive.N)}",
         f"J_m_kgm2 = {_number(drive.J_m)}",
         f"{K} = {_number(drive.K)}",
@@ -74,15 +72,6 @@ def _drive_lines(drive: Drive) -> list[str]:
 
 def _number(value: float) -> str:
     return repr(float(value))
-
-
-def _key(name: str) -> str:
-    return name if _BARE.fullmatch(name) else _string(name)
-
-
-def _string(text: str) -> str:
-    """A TOML basic string; JSON's escapes are a part of TOML's."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def one_line(text: str) -> str:

@@ -44,7 +44,7 @@ RAREST = 400
 #: What makes records, and what makes and judges results.
 MAKERS = ("symgen", "draws", "outside", "loop.cases", "ident.effects", *(f"ident.{name}" for name in (
     "bench", "bodies", "campaign_rules", "delay", "design", "dob", "excitation", "hdf5_node", "injection", "machine",
-    "plant", "ports", "store")))  # fmt: skip
+    "plant", "ports", "rk4", "store")))  # fmt: skip
 JUDGES = ("symgen", "draws", "outside", "loop", "ident")
 CACHE = HERE.parents[1] / "out" / "bench-loop"
 
