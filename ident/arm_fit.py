@@ -13,15 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import Moved, Scene, acting, forces, has_forces, linear_extra, linear_part, moved, only_forces
-from ident.arm_model import Parameters, Posture, Sampling, motion_and_derivatives, transfer
-from ident.campaign import Array, Campaign
+from ident.acting import Moved, Scene, acting, forces, has_forces, known, linear_extra, linear_part, moved, only_forces
+from ident.arm_model import Extra, Parameters, Posture, by_impedance, motion_and_derivatives, transfer
+from ident.campaign import Array
 from ident.effects.base import Effect
-from ident.errors import IdentError
-from ident.frf import BINS, ORDER, ROUNDING, Complex, Frf
+from ident.evidence import Evidence
+from ident.frf import Complex
 from ident.smoothing import smoothed
-from ident.whitening import Noise, noise_powers, whitening
-from symgen.plan import Model
+from ident.whitening import noise_powers, whitening
 
 #: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
 SMALL_STEP = 0.01
@@ -32,37 +31,8 @@ ROUGHLY = 0.01
 UNSEEN_INFORMATION = 1e-2
 #: Relative rounding error of an information matrix.
 INFORMATION_ROUNDING = 1e-13
-#: Share of its scale by which an effect's parameter is changed to see what it does.
-NUDGE = 1e-4
-#: Step [rad or m] of the fourth-order differences that give dJ/dq: error h^4 / 30 and rounding 1e-16 / h.
-DIFFERENCE = 2e-3
-#: Random postures that show what the gravity stiffness depends on.
-PROBES = 200
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """One record, ready to be fitted: the joints that move, at L lines. `index` among the records, `excited` joint and
-    `is_excited` [L] lines; `noise_dof` degrees of freedom of its noise powers. Only lines `judged` [L] count; None: all."""
-
-    index: int
-    excited: int
-    is_excited: NDArray[np.bool_]
-    scene: Scene
-    sampling: Sampling
-    noise: Noise
-    noise_dof: float
-    judged: NDArray[np.bool_] | None = None
-
-    @property
-    def use(self) -> NDArray[np.bool_]:
-        """The lines [L] that count."""
-        return np.ones(len(self.sampling.f), dtype=bool) if self.judged is None else self.judged
-
-    @property
-    def count(self) -> int:
-        """How many lines count."""
-        return int(self.use.sum())
+#: Share of its scale by which an effect's parameter is changed to see what it does; of itself, what its impedance depends on.
+NUDGE, IMPEDANCE_NUDGE = 1e-4, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,87 +89,6 @@ class Minimum:
     information: Array
     chi2: float
     converged: bool
-
-
-def gravity_basis(model: Model, gravity: Array) -> Array:
-    """Returns the orthonormal rows [r, 10 n] with which the gravity stiffness is a function of `basis` . phi."""
-    q = model.random_postures(PROBES, np.random.default_rng(0))
-    rows = model.gravity_stiffness_rows(q, gravity).reshape(-1, 10 * model.chain.n)
-    _, singular, V = np.linalg.svd(rows, full_matrices=False)
-    return V[: int(np.sum(singular > 1e-9 * max(singular[0], 1e-9)))]
-
-
-def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: int, lines: str) -> Evidence:
-    """Returns record `index`, its response `frf`, at its "usable" excited `lines`, all "excited" ones or "every" one of its band.
-
-    With "every" the rigid-body terms of second order act too. Raises IdentError for a record without usable lines.
-    """
-    if not frf.usable.any():
-        raise IdentError(f"record {frf.record}: no line is usable; expected torque of {frf.joint} above its noise")
-    live, band = live_joints(frf), frf.band
-    if band is None:
-        raise IdentError(f"record {frf.record}: its spectra are missing; expected those of estimate()")
-    usable = np.zeros(len(band.lines), dtype=bool)
-    usable[np.flatnonzero(band.excited)[frf.usable]] = True
-    use = {"usable": usable, "excited": band.excited, "every": np.ones_like(usable)}[lines]
-    arm = posture_at(campaign, model, basis, live, frf.posture)
-    samples = band.noise[:, use][:, :, np.concatenate([live, frf.n + live])]
-    floors = np.stack([ROUNDING * np.abs(band.tau[:, live]).max(axis=0), np.sqrt(frf.floor[live])]) + 1e-300
-    errors = np.sqrt(np.mean(np.abs(samples) ** 2, axis=(0, 1))).reshape(2, -1)
-    scene = Scene(
-        arm=arm,
-        n=frf.n,
-        lines=band.lines[use],
-        f0=band.f0,
-        fs=campaign.fs,
-        hold=campaign.hold,
-        tau=band.tau[use][:, live],
-        theta=band.theta[use][:, live],
-        noise=np.maximum(errors, floors),
-        means=np.stack([band.mean_tau, band.mean_theta]),
-        posture=frf.posture,
-        N=campaign.N,
-        beyond=(band.beyond[0], band.beyond[1][:, live], band.beyond[2][:, live]),
-        slopes=_slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
-        creeping=campaign.N * frf.drift * band.f0 / max(frf.periods - 1, 1),
-        chain=model.chain,
-    )
-    one = 2.0 * (BINS - ORDER)
-    share = (frf.dof / one - 1.0) / (frf.width - 1) if frf.width > 1 else 1.0
-    return Evidence(
-        index, frf.index, band.excited[use], scene, Sampling(scene.f0 * scene.lines, campaign.fs, campaign.hold),
-        Noise(samples, frf.floor[live]), one / 2.0 * (1.0 + (len(scene.lines) - 1) * share),
-    )  # fmt: skip
-
-
-def posture_at(campaign: Campaign, model: Model, basis: Array, live: NDArray[np.int64], q: Array) -> Posture:
-    """The rows of J and of the gravity stiffness of the `live` joints at posture q [n]."""
-    square = np.ix_(live, live)
-    K_rows = model.gravity_stiffness_rows(q, campaign.gravity) @ basis.T
-    return Posture(live, campaign.N[live], model.J_rows(q)[square], K_rows[square])
-
-
-def _slopes(campaign: Campaign, model: Model, basis: Array, live: NDArray[np.int64], q: Array) -> tuple[Array, Array]:
-    """d/dq_k of the rows of J [m, m, m, D] and of the gravity stiffness [m, m, m, r], k first, of the live joints."""
-    steps = DIFFERENCE * np.array([-2.0, -1.0, 1.0, 2.0])
-    weights = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * DIFFERENCE)
-    at = q + steps[:, None, None] * np.eye(len(q))[live]  # 4, m, n
-    square = np.ix_(np.arange(len(live)), live, live)
-    J = np.einsum("a,akijd->kijd", weights, model.J_rows(at))[square]
-    K = np.einsum("a,akijd->kijd", weights, model.gravity_stiffness_rows(at, campaign.gravity))[square] @ basis.T
-    return J, K
-
-
-def live_joints(frf: Frf) -> NDArray[np.int64]:
-    """Returns the joints that take part: all but those whose torque is constant and whose angle shows a flicker at most."""
-    n = frf.n
-    power = np.mean(np.abs(np.hstack([frf.tau, frf.theta])) ** 2, axis=0) + np.mean(np.abs(frf.noise) ** 2, axis=(0, 1))
-    still = np.concatenate([np.zeros(n), 16.0 * frf.floor]) + ROUNDING**2 * np.repeat(
-        power[[frf.index, n + frf.index]], n
-    )
-    clamped = (power <= still).reshape(2, n).all(axis=0)
-    clamped[frf.index] = False
-    return np.flatnonzero(~clamped)
 
 
 def scale_of(start: Parameters) -> Array:
@@ -318,6 +207,10 @@ def residual(
     if not derive:
         return r, slopes, np.zeros(0, dtype=np.int64)
     scene, p = problem.scene(one, effects), in_record(whole, effects, one.index)
+    for effect in effects:
+        if effect.impedance_of and effect.joint in scene.arm.live:
+            extra = acting(scene, p, effects, how).at(use)
+            slopes -= _by_impedance(scene, p, effect, scene.theta[use] - r, extra, use)
     columns, more = [scene.arm.columns(problem.n)], [slopes]
     on_motor, on_link = (
         transfer(scene.arm, p, scene.s[use], linear_extra(scene, p, effects).at(use)) if effects else (slopes, slopes)
@@ -344,6 +237,33 @@ def residual(
             columns.append(np.array([k + j]))
         k += len(effect.values)
     return r, np.concatenate(more, axis=2), np.concatenate(columns)
+
+
+def _by_impedance(
+    scene: Scene, p: Parameters, effect: Effect, theta: Complex, extra: Extra, use: NDArray[np.bool_]
+) -> Complex:
+    """How the angles `theta` [L, m] at the lines in `use` follow the arm's parameters [C] through the impedance of `effect`,
+    under `extra` at these lines [L, m, C]."""
+    arm, now, s, i = scene.arm, known(scene, p), scene.s[use], effect.joint
+    assert i is not None
+    m, (here,) = len(arm.live), np.flatnonzero(arm.live == i)
+    weights = np.zeros((m, len(arm.columns(scene.n))))  # of what the impedance depends on, by the parameters
+    changed = []
+    if effect.impedance_of == "K":
+        step, K = IMPEDANCE_NUDGE, now.K.copy()
+        K[i] *= 1.0 + step
+        changed.append(replace(now, K=K))
+        weights[0, here] = 1.0
+    else:
+        step = IMPEDANCE_NUDGE * float(now.J[i, i])
+        for k, j in enumerate(arm.live.tolist()):
+            J = now.J.copy()
+            J[i, j] = J[j, i] = J[i, j] + step
+            changed.append(replace(now, J=J))
+            weights[k, 4 * m : 4 * m + arm.J_rows.shape[2]] = arm.J_rows[here, k]
+    both = np.concatenate([arm.live, scene.n + arm.live])
+    Z = np.array([effect.impedance(s, one) for one in (now, *changed)])[:, :, both[:, None], both]
+    return by_impedance(arm, p, s, extra, theta, (Z[1:] - Z[0]) / step) @ weights[: len(changed)]
 
 
 def chi_squared(problem: Problem, vector: Array, held: Sequence[Held]) -> float:

@@ -221,6 +221,22 @@ def transfer(arm: Posture, p: Parameters, s: Complex, extra: Extra = NOTHING) ->
     return core, -core @ Z_ml @ yielding
 
 
+def by_impedance(arm: Posture, p: Parameters, s: Complex, extra: Extra, theta: Complex, changes: Complex) -> Complex:
+    """Returns by how much `changes` [k, S, 2m, 2m] of the impedance change the angles `theta` [S, m] at s [S]: [S, m, k].
+
+    Aliases, where the arm hardly moves, are left out.
+    """
+    _, _, Z_lm, Z_ll = stiffness(arm, p, s, extra.impedance)
+    on_motor, on_link = transfer(arm, p, s, extra)
+    x = theta if extra.reading is None else theta - extra.reading
+    x = (x if extra.angle_gain is None else x / extra.angle_gain) / arm.N
+    by_link = -(Z_lm @ x[..., None]) if extra.on_link is None else extra.on_link[..., None] - Z_lm @ x[..., None]
+    both = np.concatenate([x[..., None], np.linalg.solve(Z_ll, by_link)], axis=1)
+    forces = changes @ both  # k, S, 2m, 1
+    m = len(arm.live)
+    return np.moveaxis(-(on_motor @ forces[:, :, :m] + on_link @ forces[:, :, m:])[..., 0], 0, 2)
+
+
 def _continuous(
     arm: Posture, p: Parameters, s: Complex, tau: Complex, derive: bool, extra: Extra = NOTHING
 ) -> tuple[Complex, Complex]:

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm_fit import Evidence, Held, Problem, hold, residual
+from ident.arm_fit import Held, Problem, hold, residual
 from ident.campaign import Array
 from ident.diagnose import Diagnosis
+from ident.evidence import Evidence
 
 #: What is left without the torque there, in shares of what is left with it, below which no motion follows it.
 UNFOLLOWED = 0.5

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ident.arm_fit import live_joints
 from ident.campaign import Campaign
+from ident.evidence import live_joints
 from ident.frf import Frf
 from symgen.plan import Model, model_of_urdf
 

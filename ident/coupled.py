@@ -11,25 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arm_fit import (
-    UNSEEN_INFORMATION,
-    Evidence,
-    Minimum,
-    Problem,
-    evidence,
-    gravity_basis,
-    hold,
-    minimise,
-    posture_at,
-    residual,
-    scale_of,
-    spectrum,
-)  # fmt: skip
+from ident.arm_fit import UNSEEN_INFORMATION, Minimum, Problem, hold, minimise, residual, scale_of, spectrum
 from ident.arm_model import Parameters, Posture
 from ident.campaign import Array, Campaign
 from ident.certainty import certainty, thin
 from ident.effects.base import Effect
 from ident.errors import IdentError
+from ident.evidence import Evidence, evidence, gravity_basis, posture_at
 from ident.fit import UNTOLD, chi2_limit, two_mass
 from ident.frf import Complex, Frf
 from ident.start import START_DAMPING

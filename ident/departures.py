@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ident.arm_fit import Evidence, hold, residual
+from ident.arm_fit import hold, residual
 from ident.campaign import Array
+from ident.evidence import Evidence
 from ident.refits import Bench, State
 
 #: Bands [Hz] in which errors are told, as far as the records reach.
@@ -17,11 +19,17 @@ EDGES = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 #: chi^2 per degree of freedom of a group of lines above which the arm is not explained; more where a group has
 #: fewer degrees than the second, and the least of them.
 DEPARTURE, FULL_DOF, LEAST_DOF = 3.0, 40, 10
+#: Noise of a line, in medians, above which an error over all lines leaves it out.
+LOUD = 4.0
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Relative rms of theta - G tau over the excited lines: of all, per joint, per band; and what noise alone makes of it."""
+    """Relative rms of theta - G tau over the excited lines: of all, per joint, per band; and what noise alone makes of it.
+
+    But for bands, lines whose noise is over `LOUD` times the median one of their joint are left out: the rms over
+    hundreds of lines would be the noise of one.
+    """
 
     all: float
     per_joint: dict[str, float]
@@ -56,18 +64,27 @@ def errors(bench: Bench, state: State, data: Sequence[Evidence]) -> Errors:
         squares.append((one.excited, one.sampling.f[use], np.abs(r[use, k]) ** 2 / size, variance / size))
     joints = np.concatenate([np.full(len(f), j) for j, f, _, _ in squares])
     f, error, noise = (np.concatenate([row[k] for row in squares]) for k in (1, 2, 3))
+    quiet = ~loud(joints, noise)
 
     def rms(values: Array) -> float:
         return float(np.sqrt(values.mean()))
 
     names = bench.campaign.joints
     return Errors(
-        rms(error),
-        {names[j]: rms(error[joints == j]) for j in np.unique(joints).tolist()},
+        rms(error[quiet]),
+        {names[j]: rms(error[quiet & (joints == j)]) for j in np.unique(joints).tolist()},
         {f"{a:g}-{b:g} Hz": rms(error[(f >= a) & (f < b)]) for a, b in pairwise(EDGES)
          if np.any((f >= a) & (f < b))},
-        rms(noise),
+        rms(noise[quiet]),
     )  # fmt: skip
+
+
+def loud(joints: NDArray[np.int64], noise: Array) -> NDArray[np.bool_]:
+    """Which lines, of these `joints`, have a `noise` power [relative] that an error over all lines can not have among the others."""
+    found = np.zeros(len(noise), dtype=bool)
+    for j in np.unique(joints):
+        found[joints == j] = noise[joints == j] > LOUD**2 * np.median(noise[joints == j])
+    return found
 
 
 def groups(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arm_fit import chi_squared, evidence, gravity_basis, hold, minimise, spectrum
+from ident.arm_fit import chi_squared, hold, minimise, spectrum
 from ident.campaign import Campaign
 from ident.candidates import Candidate, bounds, catalogue, curves, units
 from ident.coupled import declared_start
@@ -21,6 +21,7 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Learned
 from ident.errors import IdentError
+from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.parts import Split, degrees, split, split_lines
 from ident.refits import FINELY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, first, fitted, same, without
@@ -35,8 +36,8 @@ REFITTED, CURVES = (6, 40), 2
 EFFORT = 1.5e5
 #: Candidates taken over from the declared arm.
 SURELY = 6
-#: Candidates fitted to the end before one is chosen.
-FINALISTS = 3
+#: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
+FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
 LEAST_GAIN, LEAST_SHARE = 40.0, 0.2
 #: A learned curve takes a name's place where it leaves less than this share of what the name leaves; it needs this share of
@@ -44,6 +45,8 @@ LEAST_GAIN, LEAST_SHARE = 40.0, 0.2
 CURVE_RATIO, CURVE_SHARE = 0.3, 0.05
 #: chi^2 per degree of freedom above which a name leaves something for a curve to explain.
 NAMED = 1.1
+#: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free.
+BENDS = 30.0
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured; below which
 #: nothing more is looked for; and how many times the noise the error may be then.
 LEFT, ENOUGH, CLOSE = 0.03, 3e-3, 3.0
@@ -114,12 +117,14 @@ def diagnose(
     data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
     guess = declared_start(campaign, model, responses, basis)
     bench = Bench(campaign, model, basis, split(data, model), guess, workers)
-    start, state, added = _loop(bench, progress)
+    start = first(bench)
+    if not bench.split.note and _bends(bench, start):
+        bench, start = _by_lines(bench, data, progress)
+    state, added = _loop(bench, start, progress)
     left = _left_over(bench, start, state, added)
     if left and not bench.split.note and not groups(bench, state, bench.split.fit):
-        progress("only records that do not fit depart: once more with lines of every record in each part")
-        bench = replace(bench, split=split_lines(data, "what departs shows in too few records"))
-        start, state, added = _loop(bench, progress)
+        bench, start = _by_lines(bench, data, progress)
+        state, added = _loop(bench, start, progress)
         left = _left_over(bench, start, state, added)
     final = tuple(replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if same(a.effect, e))
     before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
@@ -130,9 +135,22 @@ def diagnose(
     return Diagnosis(campaign, model, responses, bench.split, start, state, final, off, before, after, left, status)
 
 
-def _loop(bench: Bench, progress: Callable[[str], None]) -> tuple[State, State, list[Added]]:
-    """The arm without effects, with those that earned their place, and these in the order in which they were added."""
-    start = state = first(bench)
+def _bends(bench: Bench, state: State) -> bool:
+    """Whether a model fits the records that fit so much better than the others that these leave too much of it free."""
+    fitting = state.minimum.chi2 / degrees(bench.split.fit)
+    return excess(bench, state) - 1.0 > BENDS * (max(fitting - 1.0, 0.0) + 0.1)
+
+
+def _by_lines(bench: Bench, data: tuple[Evidence, ...], progress: Callable[[str], None]) -> tuple[Bench, State]:
+    """All records in each part, and the arm without effects."""
+    progress("what departs hardly shows in the records that fit: lines of every record in each part")
+    bench = replace(bench, split=split_lines(data, "what departs shows in too few records"))
+    return bench, first(bench)
+
+
+def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[State, list[Added]]:
+    """The arm with those effects that earned their place beyond `start`, and these in the order in which they were added."""
+    state = start
     added: list[Added] = []
     progress(f"the declared arm: chi2 {excess(bench, state):.3g} a degree of freedom")
     for _ in range(MOST_EFFECTS):
@@ -143,7 +161,7 @@ def _loop(bench: Bench, progress: Callable[[str], None]) -> tuple[State, State, 
             break
         state, entry = _pruned(bench, *step, progress)
         added.append(entry)
-    return start, state, added
+    return state, added
 
 
 def _left_over(bench: Bench, start: State, state: State, added: Sequence[Added]) -> tuple[Departure, ...]:
@@ -195,7 +213,48 @@ def _departs(bench: Bench, state: State) -> bool:
 def _round(bench: Bench, state: State, first: float, progress: Callable[[str], None]) -> tuple[State, Added] | None:
     """The model with one effect more, if any earns it; `first` is chi^2 on the choosing records before any was added."""
     lin = linearise(state.problem, state.minimum.vector, hold(state.problem, state.minimum.vector))
-    shares = port_shares(lin)
+    tried = _polished(bench, _tried(bench, state, lin, progress), progress)
+    best = _chosen(bench, tried, state.select)
+    if best is None or not np.isfinite(best[1].select):
+        return None
+    new = _since(bench, fitted(bench, replace(Refit.of(best[1]), outer=FULLY, roughly=1e-4)))
+    less = without(bench, new, new.effects[-1])  # what is gained by a better fit is no gain of the effect
+    state = less if less.select < state.select else state
+    dof = degrees(bench.split.select)
+    gain, before = state.select - new.select, max(state.select - dof, 1.0)
+    least = CURVE_SHARE * first if _is_curve(best) else 0.0
+    if gain < max(LEAST_GAIN, LEAST_SHARE * before, least, ENOUGH * (first - dof)):
+        return None
+    others = [pair for pair in tried if pair[0].key != best[0].key and np.isfinite(pair[1].select)]
+    rivals = sorted((other for _, other in others), key=lambda other: other.select)
+    report = bench.split.report
+    entry = Added(
+        effect=new.effects[-1],
+        std=(),
+        before=errors(bench, state, report).all,
+        after=errors(bench, new, report).all,
+        gain=gain,
+        excess=before,
+        rivals=tuple((other.effects[-1], error) for other in rivals[:3] if (error := _error(bench, other)) < np.inf),
+        tied=tuple(
+            other.effects[-1] for other in rivals
+            if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0) and other.effects[-1].name != "unknown"
+        ),
+        port_shares=port_shares(lin),
+    )  # fmt: skip
+    return new, entry
+
+
+#: A candidate as it was promised, and the model refitted with it.
+Tried = tuple[Candidate, State]
+
+
+def _is_curve(one: Tried) -> bool:
+    return one[0].effect.name == "unknown"
+
+
+def _tried(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+    """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted."""
     wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
     likely = [
@@ -206,60 +265,52 @@ def _round(bench: Bench, state: State, first: float, progress: Callable[[str], N
         vector = bench.guess.vector()
         declared = linearise(state.problem, vector, hold(state.problem, vector))
         short += [(c, declared) for c in catalogue(declared, (), bench.workers)[:SURELY]]
-    tried: list[tuple[Candidate, State]] = []
     refits = [_with(bench, state, candidate, origin) for candidate, origin in short]
+    tried = []
     for (candidate, _), new in zip(short, all_fitted(bench, refits), strict=True):
         tried.append((candidate, new))
         progress(f"  {_name(new.effects[-1])}: {excess(bench, new):.4g}, promised {candidate.gain:.3g}")
+    return tried
+
+
+def _polished(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, the best fitted finely; where none of these is near, what promised most besides (it may have been
+    far from its place), and what still falls again and again."""
+    near = CLOSE**2 * degrees(bench.split.select)
+    named = sorted((one for one in tried if not _is_curve(one)), key=_select)
+    drawn = sorted((one for one in tried if _is_curve(one)), key=_select)
+    best, others = named[:FINALISTS] + drawn[:1], named[FINALISTS:]
+    if named and _select(named[0]) > near:
+        surest = sorted(others, key=lambda one: -one[0].gain)[:FINALISTS]
+        best, others = best + surest, [one for one in others if one not in surest]
+    falling, settled = best, []
+    for _ in range(1 + PATIENCE):
+        new = list(all_fitted(bench, [Refit.of(state) for _, state in falling]))
+        finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]
+        for _, state in finer:
+            progress(f"  finely, {_name(state.effects[-1])}: {excess(bench, state):.4g}")
+        fell = [now.select < FALLING * before.select for (_, before), now in zip(falling, new, strict=True)]
+        settled += [one for one, still in zip(finer, fell, strict=True) if not still]
+        falling = [one for one, still in zip(finer, fell, strict=True) if still]
+        if not falling or min(map(_select, settled + falling)) <= near:
+            break
+    return settled + falling + others + drawn[1:]
+
+
+def _select(one: Tried) -> float:
+    return one[1].select
+
+
+def _chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
+    """The candidate that is chosen: the best name, or the best curve where no name earns what that does; `before` is
+    chi^2 on the choosing records without any."""
     dof = degrees(bench.split.select)
-    named = [pair for pair in tried if pair[0].effect.name != "unknown"]
-    drawn = [pair for pair in tried if pair[0].effect.name == "unknown"]
-    for kind in (named, drawn):
-        kind.sort(key=lambda pair: pair[1].select)
-    count = FINALISTS
-    if (
-        named and named[0][1].select > CLOSE**2 * dof
-    ):  # none is near: what promised most may have been far from its place
-        surest = sorted(named[FINALISTS:], key=lambda pair: -pair[0].gain)[:FINALISTS]
-        named = named[:FINALISTS] + surest + [pair for pair in named[FINALISTS:] if pair not in surest]
-        count += len(surest)
-    polished = all_fitted(bench, [Refit.of(new) for _, new in named[:count] + drawn[:1]])
-    better = [(candidate, new) for (candidate, _), new in zip(named[:count] + drawn[:1], polished, strict=True)]
-    named[:count], drawn[:1] = better[: len(named[:count])], better[len(named[:count]) :]
-    tried = named + drawn
-    best = _plainest(named, dof)
-    curve = min(drawn, key=lambda pair: pair[1].select, default=None)
-    earned = best is not None and state.select - best[1].select > max(LEAST_GAIN, LEAST_SHARE * (state.select - dof))
-    if best is None or (curve is not None and (not earned or _much_better(bench, curve[1].select - dof, best[1]))):
-        best = curve
-    if best is None or not np.isfinite(best[1].select):
-        return None
-    best = (best[0], _since(bench, fitted(bench, replace(Refit.of(best[1]), outer=FULLY))))
-    less = without(bench, best[1], best[1].effects[-1])  # what is gained by a better fit is no gain of the effect
-    state = less if less.select < state.select else state
-    gain, before = state.select - best[1].select, max(state.select - dof, 1.0)
-    least = CURVE_SHARE * first if best is curve else 0.0
-    if gain < max(LEAST_GAIN, LEAST_SHARE * before, least, ENOUGH * (first - dof)):
-        return None
-    report = bench.split.report
-    winner = best[0].key
-    others = [pair for pair in tried if pair[0].key != winner and np.isfinite(pair[1].select)]
-    rivals = sorted(others, key=lambda pair: pair[1].select)
-    entry = Added(
-        effect=best[1].effects[-1],
-        std=(),
-        before=errors(bench, state, report).all,
-        after=errors(bench, best[1], report).all,
-        gain=gain,
-        excess=before,
-        rivals=tuple((pair[1].effects[-1], error) for pair in rivals[:3] if (error := _error(bench, pair[1])) < np.inf),
-        tied=tuple(
-            pair[1].effects[-1] for pair in rivals
-            if pair[1].select < best[1].select + TIE + ALIKE * max(best[1].select - dof, 0.0) and pair[0].effect.name != "unknown"
-        ),
-        port_shares=shares,
-    )  # fmt: skip
-    return best[1], entry
+    name = _plainest([one for one in tried if not _is_curve(one)], dof)
+    curve = min((one for one in tried if _is_curve(one)), key=_select, default=None)
+    earned = name is not None and before - _select(name) > max(LEAST_GAIN, LEAST_SHARE * (before - dof))
+    if name is None or (curve is not None and (not earned or _much_better(bench, _select(curve) - dof, name[1]))):
+        return curve
+    return name
 
 
 def _error(bench: Bench, state: State) -> float:
@@ -270,7 +321,7 @@ def _error(bench: Bench, state: State) -> float:
         return float(np.inf)
 
 
-def _plainest(named: Sequence[tuple[Candidate, State]], dof: int) -> tuple[Candidate, State] | None:
+def _plainest(named: Sequence[Tried], dof: int) -> Tried | None:
     """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters."""
     if not named:
         return None

@@ -46,7 +46,7 @@ def verdict_document(d: Diagnosis, files: Sequence[str | Path], notes: Sequence[
     """Returns verdict.json (format frf-verdict, version 1): plain numbers, lists and strings.
 
     `files` are where the records were read, first the campaign's own. Units as in the catalogue of effects; errors are relative rms of the excited joint's
-    angle at the excited lines of the records that report.
+    angle at the excited lines of the records that report, but for bands without the few lines that are mostly noise.
     """
     joints, records = d.campaign.joints, d.campaign.records
     per_joint, per_band = noise_floor(held_out(d), joints)

@@ -12,11 +12,12 @@ from itertools import pairwise
 import numpy as np
 
 from ident.acting import has_forces
-from ident.arm_fit import Evidence, Problem, hold, residual
+from ident.arm_fit import Problem, hold, residual
 from ident.campaign import Array
-from ident.departures import EDGES
+from ident.departures import EDGES, loud
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect, Motion
+from ident.evidence import Evidence
 from ident.frf import Complex
 from ident.refits import State, same
 from ident.trace import PORTS, Linearised, linearise
@@ -76,7 +77,8 @@ def noise_floor(rows: Sequence[HeldOut], joints: Sequence[str]) -> tuple[dict[st
     joint = np.concatenate([np.full(len(row.f), row.joint) for row in rows])
     f = np.concatenate([row.f for row in rows])
     share = np.concatenate([(row.noise / np.maximum(np.abs(row.theta), 1e-150)) ** 2 for row in rows])
-    per_joint = {joints[j]: float(np.sqrt(share[joint == j].mean())) for j in np.unique(joint).tolist()}
+    quiet = ~loud(joint, share)
+    per_joint = {joints[j]: float(np.sqrt(share[quiet & (joint == j)].mean())) for j in np.unique(joint).tolist()}
     bands = {f"{a:g}-{b:g} Hz": (f >= a) & (f < b) for a, b in pairwise(EDGES)}
     return per_joint, {name: float(np.sqrt(share[use].mean())) for name, use in bands.items() if use.any()}
 

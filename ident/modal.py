@@ -16,9 +16,9 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.optimize import least_squares, nnls
 
-from ident.arm_fit import live_joints
 from ident.campaign import Array, Campaign
 from ident.errors import IdentError
+from ident.evidence import live_joints
 from ident.fit import PARAMETERS, UNTOLD, JointFit, chi2_limit
 from ident.frf import BINS, ORDER, Complex, Frf
 from ident.start import START_DAMPING

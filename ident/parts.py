@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from ident.arm_fit import Evidence
+from ident.evidence import Evidence
 from symgen.plan import Model
 
 #: Variance of J(q) at a record that does not fit, in units of one record's own: more, and it has to fit.

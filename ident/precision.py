@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ident.arm_fit import INFORMATION_ROUNDING, Minimum, gravity_basis, posture_at
+from ident.arm_fit import INFORMATION_ROUNDING, Minimum
 from ident.arm_model import Parameters, Sampling, motion_and_derivatives, response
 from ident.bench import head
 from ident.campaign import Array, Campaign
@@ -21,6 +21,7 @@ from ident.coupled import problem_of, uncertainty
 from ident.design import STEADY, Setup, prepare
 from ident.dob import close_loop
 from ident.errors import ExperimentError
+from ident.evidence import gravity_basis, posture_at
 from ident.plant import build_plant, linearise
 from ident.whitening import Powers, whitening
 from symgen.plan import Model

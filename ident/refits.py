@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arm_fit import Evidence, Minimum, Problem, chi_squared, hold, minimise
+from ident.arm_fit import Minimum, Problem, chi_squared, hold, minimise
 from ident.arm_model import Parameters
 from ident.campaign import Array, Campaign
 from ident.coupled import DOUBTS, problem_of
 from ident.effects.base import Effect
+from ident.evidence import Evidence
 from ident.forked import forked
 from ident.parts import Split, degrees, few_lines
 from ident.smoothing import TURNS

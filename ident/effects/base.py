@@ -217,6 +217,8 @@ class Effect(ABC):
     declared: ClassVar[bool] = False
     #: It is a force against the velocity at its motor or link that may stop it: of that velocity it is found together with it.
     dry: ClassVar[bool] = False
+    #: What of its joint its impedance depends on: "K", or "J", the row of J.
+    impedance_of: ClassVar[str] = ""
     #: Whether a simulation can have it, or not have it.
     injectable: ClassVar[bool] = True
 

@@ -87,7 +87,7 @@ class MotorCoupling(Effect):
     """Gear trains that share a wrist: the motor `step` joints further turns this joint, too, by `ratio` of its own joint's
     turn. The spring here is wound by theta/N + ratio theta'/N' - q, and loads both motors."""
 
-    name, port = "motor-coupling", "motor"
+    name, port, impedance_of = "motor-coupling", "motor", "K"
     parameters = (
         Parameter("ratio", "", -2.0, 2.0, (0.02, -0.02)),
         Parameter("step", "joints", 1.0, 6.0, (1.0, 2.0), zero=None, whole=True),

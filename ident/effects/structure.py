@@ -83,7 +83,7 @@ class LinkFlexibility(Effect):
     """A link that bends: a `share` of its body and all that it carries turn on a spring at its joint, about the joint's
     axis (across 0) or across it, out of the plane in which the joint moves it (across 1)."""
 
-    name, port = "link-flexibility", "structure"
+    name, port, impedance_of = "link-flexibility", "structure", "J"
     parameters = (
         Parameter("stiffness", "Nm/rad", 0.05, 1e3, (2.0, 8.0), zero=None, relative="K"),
         Parameter("share", "", 0.05, 0.95, (0.5,), zero=None),

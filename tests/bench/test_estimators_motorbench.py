@@ -10,11 +10,12 @@ import pytest
 from motorbench import around_the_modes, imported, needs_records
 from study import markdown, publish
 
-from ident.arm_fit import evidence, gravity_basis, hold, minimise, residual
+from ident.arm_fit import hold, minimise, residual
 from ident.coupled import declared_start, problem_of
 from ident.effects.base import Effect
 from ident.effects.friction import LinkViscous
 from ident.effects.motor import InputDelay
+from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from symgen.plan import model_of_urdf
 

@@ -14,9 +14,9 @@ import pytest
 from study import markdown, planned, publish, true_drives
 from synthetic import ENCODER, Arm, campaign, record
 
-from ident.arm_fit import gravity_basis
 from ident.campaign import Campaign
 from ident.coupled import CoupledFit, Start, fit_coupled
+from ident.evidence import gravity_basis
 from ident.frf import estimate
 from symgen.chain import Chain, Inertia
 from symgen.kinematics import inertia_matrix

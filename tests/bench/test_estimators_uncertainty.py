@@ -15,10 +15,10 @@ from scipy.stats import norm
 from study import markdown, publish
 from synthetic import ENCODER, FS, Arm, campaign, record
 
-from ident.arm_fit import gravity_basis, posture_at
 from ident.arm_model import Sampling, motion_and_derivatives
 from ident.campaign import Campaign
 from ident.coupled import Start, fit_coupled
+from ident.evidence import gravity_basis, posture_at
 from ident.frf import estimate
 from symgen.plan import Model, make_model
 from symgen.urdf import load_chain

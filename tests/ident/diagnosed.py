@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.arm_fit import chi_squared, evidence, gravity_basis, hold, minimise
+from ident.arm_fit import chi_squared, hold, minimise
 from ident.bench import simulate
 from ident.campaign import Campaign
 from ident.coupled import declared_start, problem_of
@@ -17,6 +17,7 @@ from ident.departures import EDGES, Departure, Errors
 from ident.diagnose import Added, Diagnosis
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorStribeck
+from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.held_out import held_out
 from ident.parts import Split
@@ -87,7 +88,8 @@ def unexplained() -> Diagnosis:
 
 
 def errors(d: Diagnosis, which: str) -> Errors:
-    """Relative rms errors over the records that report, straight from their definition."""
+    """Relative rms errors over the records that report, straight from their definition: but for bands, of lines whose noise is
+    four medians of their joint at most."""
     rows = held_out(d)
     f = np.concatenate([row.f for row in rows])
     joint = np.concatenate([np.full(len(row.f), row.joint) for row in rows])
@@ -97,8 +99,9 @@ def errors(d: Diagnosis, which: str) -> Errors:
     def rms(values: np.ndarray) -> float:
         return float(np.sqrt(values.mean()))
 
+    quiet = np.array([n <= 16.0 * np.median(noise[joint == j]) for n, j in zip(noise, joint, strict=True)])
     bands = {f"{a:g}-{b:g} Hz": (f >= a) & (f < b) for a, b in pairwise(EDGES)}
     return Errors(
-        rms(share), {d.campaign.joints[j]: rms(share[joint == j]) for j in np.unique(joint)},
-        {name: rms(share[use]) for name, use in bands.items() if use.any()}, rms(noise),
+        rms(share[quiet]), {d.campaign.joints[j]: rms(share[quiet & (joint == j)]) for j in np.unique(joint)},
+        {name: rms(share[use]) for name, use in bands.items() if use.any()}, rms(noise[quiet]),
     )  # fmt: skip

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from diagnosed import JOINT, diagnosis, unexplained
 
-from ident.arm_fit import Evidence
 from ident.artefacts import artefacts
 from ident.diagnosis_json import verdict_document
 from ident.diagnosis_report import sensor_artefacts
+from ident.evidence import Evidence
 
 BANDS = [(1.0, 10.0), (10.0, 100.0)]
 #: The torque that the sensor makes up at even lines, in shares of that at the excited ones.

@@ -10,13 +10,13 @@ import pytest
 from scipy.stats import chi2
 from synthetic import ENCODER, FS, Arm, campaign, record
 
-from ident.arm_fit import gravity_basis
 from ident.arm_model import Parameters, Posture, Sampling, motion, motion_and_derivatives
 from ident.bench import simulate
 from ident.campaign import Campaign
 from ident.certainty import certainty
 from ident.coupled import CoupledFit, Start, fit_coupled
 from ident.errors import IdentError
+from ident.evidence import gravity_basis
 from ident.fit import two_mass
 from ident.frf import estimate
 from symgen.plan import Model, chain_of_robot, make_model

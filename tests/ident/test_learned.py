@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from outside import OUTSIDE
 
-from ident.arm_fit import evidence, gravity_basis, hold, minimise
+from ident.arm_fit import hold, minimise
 from ident.bench import simulate
 from ident.candidates import curves
 from ident.coupled import declared_start, problem_of
 from ident.effects.base import Effect, Law, State
 from ident.effects.learned import learned
+from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.periods import spectrum
 from ident.trace import Linearised, linearise

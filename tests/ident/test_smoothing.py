@@ -10,13 +10,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ident.acting import Scene
-from ident.arm_fit import evidence, gravity_basis, hold, residual
+from ident.arm_fit import hold, residual
 from ident.arm_model import Posture
 from ident.bench import design, head, run
 from ident.coupled import declared_start, problem_of
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb
 from ident.effects.spring import SpringHardening
+from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.smoothing import TURNS, _in_turns
 from symgen.plan import chain_of_robot, make_model

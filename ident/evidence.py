@@ -1,0 +1,127 @@
+"""The numbers of a record that a fit of the whole arm takes: lines, spectra, noise, the arm at its posture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.acting import Scene
+from ident.arm_model import Posture, Sampling
+from ident.campaign import Array, Campaign
+from ident.errors import IdentError
+from ident.frf import BINS, ORDER, ROUNDING, Frf
+from ident.whitening import Noise
+from symgen.plan import Model
+
+#: Step [rad or m] of the fourth-order differences that give dJ/dq: error h^4 / 30 and rounding 1e-16 / h.
+DIFFERENCE = 2e-3
+#: Random postures that show what the gravity stiffness depends on.
+PROBES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One record, ready to be fitted: the joints that move, at L lines. `index` among the records, `excited` joint and
+    `is_excited` [L] lines; `noise_dof` degrees of freedom of its noise powers. Only lines `judged` [L] count; None: all."""
+
+    index: int
+    excited: int
+    is_excited: NDArray[np.bool_]
+    scene: Scene
+    sampling: Sampling
+    noise: Noise
+    noise_dof: float
+    judged: NDArray[np.bool_] | None = None
+
+    @property
+    def use(self) -> NDArray[np.bool_]:
+        """The lines [L] that count."""
+        return np.ones(len(self.sampling.f), dtype=bool) if self.judged is None else self.judged
+
+    @property
+    def count(self) -> int:
+        """How many lines count."""
+        return int(self.use.sum())
+
+
+def gravity_basis(model: Model, gravity: Array) -> Array:
+    """Returns the orthonormal rows [r, 10 n] with which the gravity stiffness is a function of `basis` . phi."""
+    q = model.random_postures(PROBES, np.random.default_rng(0))
+    rows = model.gravity_stiffness_rows(q, gravity).reshape(-1, 10 * model.chain.n)
+    _, singular, V = np.linalg.svd(rows, full_matrices=False)
+    return V[: int(np.sum(singular > 1e-9 * max(singular[0], 1e-9)))]
+
+
+def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: int, lines: str) -> Evidence:
+    """Returns record `index`, its response `frf`, at its "usable" excited `lines`, all "excited" ones or "every" one of its band.
+
+    With "every" the rigid-body terms of second order act too. Raises IdentError for a record without usable lines.
+    """
+    if not frf.usable.any():
+        raise IdentError(f"record {frf.record}: no line is usable; expected torque of {frf.joint} above its noise")
+    live, band = live_joints(frf), frf.band
+    if band is None:
+        raise IdentError(f"record {frf.record}: its spectra are missing; expected those of estimate()")
+    usable = np.zeros(len(band.lines), dtype=bool)
+    usable[np.flatnonzero(band.excited)[frf.usable]] = True
+    use = {"usable": usable, "excited": band.excited, "every": np.ones_like(usable)}[lines]
+    arm = posture_at(campaign, model, basis, live, frf.posture)
+    samples = band.noise[:, use][:, :, np.concatenate([live, frf.n + live])]
+    floors = np.stack([ROUNDING * np.abs(band.tau[:, live]).max(axis=0), np.sqrt(frf.floor[live])]) + 1e-300
+    errors = np.sqrt(np.mean(np.abs(samples) ** 2, axis=(0, 1))).reshape(2, -1)
+    scene = Scene(
+        arm=arm,
+        n=frf.n,
+        lines=band.lines[use],
+        f0=band.f0,
+        fs=campaign.fs,
+        hold=campaign.hold,
+        tau=band.tau[use][:, live],
+        theta=band.theta[use][:, live],
+        noise=np.maximum(errors, floors),
+        means=np.stack([band.mean_tau, band.mean_theta]),
+        posture=frf.posture,
+        N=campaign.N,
+        beyond=(band.beyond[0], band.beyond[1][:, live], band.beyond[2][:, live]),
+        slopes=_slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
+        creeping=campaign.N * frf.drift * band.f0 / max(frf.periods - 1, 1),
+        chain=model.chain,
+    )
+    one = 2.0 * (BINS - ORDER)
+    share = (frf.dof / one - 1.0) / (frf.width - 1) if frf.width > 1 else 1.0
+    return Evidence(
+        index, frf.index, band.excited[use], scene, Sampling(scene.f0 * scene.lines, campaign.fs, campaign.hold),
+        Noise(samples, frf.floor[live]), one / 2.0 * (1.0 + (len(scene.lines) - 1) * share),
+    )  # fmt: skip
+
+
+def posture_at(campaign: Campaign, model: Model, basis: Array, live: NDArray[np.int64], q: Array) -> Posture:
+    """The rows of J and of the gravity stiffness of the `live` joints at posture q [n]."""
+    square = np.ix_(live, live)
+    K_rows = model.gravity_stiffness_rows(q, campaign.gravity) @ basis.T
+    return Posture(live, campaign.N[live], model.J_rows(q)[square], K_rows[square])
+
+
+def _slopes(campaign: Campaign, model: Model, basis: Array, live: NDArray[np.int64], q: Array) -> tuple[Array, Array]:
+    """d/dq_k of the rows of J [m, m, m, D] and of the gravity stiffness [m, m, m, r], k first, of the live joints."""
+    steps = DIFFERENCE * np.array([-2.0, -1.0, 1.0, 2.0])
+    weights = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * DIFFERENCE)
+    at = q + steps[:, None, None] * np.eye(len(q))[live]  # 4, m, n
+    square = np.ix_(np.arange(len(live)), live, live)
+    J = np.einsum("a,akijd->kijd", weights, model.J_rows(at))[square]
+    K = np.einsum("a,akijd->kijd", weights, model.gravity_stiffness_rows(at, campaign.gravity))[square] @ basis.T
+    return J, K
+
+
+def live_joints(frf: Frf) -> NDArray[np.int64]:
+    """Returns the joints that take part: all but those whose torque is constant and whose angle shows a flicker at most."""
+    n = frf.n
+    power = np.mean(np.abs(np.hstack([frf.tau, frf.theta])) ** 2, axis=0) + np.mean(np.abs(frf.noise) ** 2, axis=(0, 1))
+    still = np.concatenate([np.zeros(n), 16.0 * frf.floor]) + ROUNDING**2 * np.repeat(
+        power[[frf.index, n + frf.index]], n
+    )
+    clamped = (power <= still).reshape(2, n).all(axis=0)
+    clamped[frf.index] = False
+    return np.flatnonzero(~clamped)

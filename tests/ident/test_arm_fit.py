@@ -1,0 +1,51 @@
+"""Derivatives of the residual, through whatever the effects do to the arm: against differences of the residual itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosed import ROOT, campaign
+
+from ident.arm_fit import hold, residual
+from ident.coupled import declared_start, problem_of
+from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
+from ident.evidence import evidence, gravity_basis
+from ident.frf import estimate
+from symgen.plan import chain_of_robot, make_model
+from symgen.robot import load_robot
+
+#: Of a large step; forward differences and far aliases leave 1e-4.
+STEP, CLOSE = 1e-5, 1e-3
+
+
+def sized(kind: type[Effect], K: float) -> Effect:
+    """An effect of the second joint that is felt: its first plausible sizes, what is given in shares of K so."""
+    values = [p.sizes[0] * (K if p.relative == "K" else 0.01 if p.relative else 1.0) for p in kind.parameters]
+    return kind(1 if "joint" in kind.scope else None, tuple(values))
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_derivatives_by_the_arm_are_differences_whatever_acts(name: str) -> None:
+    c = campaign(0.0)
+    model = make_model(chain_of_robot(load_robot(ROOT / "robots/ypp3")), believe_zeros=True)
+    frf = estimate(c.records[1], c)
+    basis = gravity_basis(model, c.gravity)
+    one = evidence(c, model, basis, frf, 1, "every")
+    start = declared_start(c, model, (frf,), basis)
+    effect = sized(CATALOGUE[name], float(start.K[1]))
+    many = len(effect.values)
+    problem = problem_of(c, model, basis, (one,), start, (effect,), [1e-3] * many, [(-np.inf, np.inf)] * many)
+    problem = replace(problem, free=np.arange(len(problem.free)) < problem.base, turns=0)
+    vector = np.concatenate([start.vector(), effect.values])
+    (kept,) = hold(problem, vector)
+    _, slopes, columns = residual(problem, vector, one, kept.moved, derive=True)
+    size = np.abs(slopes * problem.scale[columns]).max(axis=(0, 1))
+    for column, slope, largest in zip(columns, np.moveaxis(slopes, 2, 0), size, strict=True):
+        step = np.zeros(len(vector))
+        step[column] = STEP * problem.scale[column]
+        ahead, behind = (residual(problem, vector + sign * step, one, kept.moved)[0] for sign in (1.0, -1.0))
+        found = (ahead - behind) / (2.0 * STEP)
+        assert np.abs(found - slope * problem.scale[column]).max() <= CLOSE * max(largest, 1e-6 * size.max()), column
