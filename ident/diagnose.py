@@ -13,45 +13,42 @@ import numpy as np
 
 from ident.arm_fit import chi_squared, hold, minimise, spectrum
 from ident.campaign import Campaign
-from ident.candidates import Candidate, bounds, catalogue, curves, units
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, departures, errors, groups
 from ident.deviations import Deviation, deviations
 from ident.effects.base import Effect
-from ident.effects.catalogue import CATALOGUE
-from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.parts import Split, degrees, split, split_lines
-from ident.refits import FINELY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, first, fitted, same, without
-from ident.trace import Linearised, linearise, port_shares
+from ident.refits import FINELY, Bench, State, excess, first, same, without
+from ident.trace import linearise, port_shares
+from ident.trials import (
+    ALIKE,
+    CLOSE,
+    LEAST_GAIN,
+    LEAST_SHARE,
+    TIE,
+    chosen,
+    elsewhere,
+    fully,
+    hasty,
+    is_curve,
+    polished,
+    since,
+    told,
+)
 from symgen.plan import Model
 
 #: Effects added at most, and declared numbers corrected.
 MOST_EFFECTS, MOST_OFF = 4, 6
-#: Candidates of the catalogue refitted in each round (least and most), and learned curves.
-REFITTED, CURVES = (6, 40), 2
-#: Half of them whatever they promise, as a promise is of first order; as many as make this many numbers to be fitted.
-EFFORT = 1.5e5
-#: Candidates taken over from the declared arm.
-SURELY = 6
-#: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
-FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
-#: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
-LEAST_GAIN, LEAST_SHARE = 40.0, 0.2
-#: A learned curve takes a name's place where it leaves less than this share of what the name leaves; it needs this share of
-#: all that was in excess to be added.
-CURVE_RATIO, CURVE_SHARE = 0.3, 0.05
-#: chi^2 per degree of freedom above which a name leaves something for a curve to explain.
-NAMED = 1.1
+#: A learned curve needs this share of all that was in excess to be added.
+CURVE_SHARE = 0.05
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free.
 BENDS = 30.0
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured; below which
-#: nothing more is looked for; and how many times the noise the error may be then.
-LEFT, ENOUGH, CLOSE = 0.03, 3e-3, 3.0
-#: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
-TIE, ALIKE = 12.0, 0.05
+#: nothing more is looked for.
+LEFT, ENOUGH = 0.03, 3e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +158,10 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
             break
         state, entry = _pruned(bench, *step, progress)
         added.append(entry)
+    for effect in state.effects[:-1]:  # found while others were missing
+        state = elsewhere(bench, state, effect, progress)
+    if added:
+        added[-1] = replace(added[-1], after=errors(bench, state, bench.split.report).all)
     return state, added
 
 
@@ -213,16 +214,17 @@ def _departs(bench: Bench, state: State) -> bool:
 def _round(bench: Bench, state: State, first: float, progress: Callable[[str], None]) -> tuple[State, Added] | None:
     """The model with one effect more, if any earns it; `first` is chi^2 on the choosing records before any was added."""
     lin = linearise(state.problem, state.minimum.vector, hold(state.problem, state.minimum.vector))
-    tried = _polished(bench, _tried(bench, state, lin, progress), progress)
-    best = _chosen(bench, tried, state.select)
+    tried = polished(bench, hasty(bench, state, lin, progress), progress)
+    best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best[1].select):
         return None
-    new = _since(bench, fitted(bench, replace(Refit.of(best[1]), outer=FULLY, roughly=1e-4)))
+    new = since(bench, fully(bench, best[1]))
+    new = elsewhere(bench, new, new.effects[-1], progress)
     less = without(bench, new, new.effects[-1])  # what is gained by a better fit is no gain of the effect
     state = less if less.select < state.select else state
     dof = degrees(bench.split.select)
     gain, before = state.select - new.select, max(state.select - dof, 1.0)
-    least = CURVE_SHARE * first if _is_curve(best) else 0.0
+    least = CURVE_SHARE * first if is_curve(best) else 0.0
     if gain < max(LEAST_GAIN, LEAST_SHARE * before, least, ENOUGH * (first - dof)):
         return None
     others = [pair for pair in tried if pair[0].key != best[0].key and np.isfinite(pair[1].select)]
@@ -245,130 +247,12 @@ def _round(bench: Bench, state: State, first: float, progress: Callable[[str], N
     return new, entry
 
 
-#: A candidate as it was promised, and the model refitted with it.
-Tried = tuple[Candidate, State]
-
-
-def _is_curve(one: Tried) -> bool:
-    return one[0].effect.name == "unknown"
-
-
-def _tried(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
-    """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted."""
-    wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
-    most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
-    likely = [
-        c for k, c in enumerate(catalogue(lin, state.effects, bench.workers)[:most]) if c.gain > wanted or k < most // 2
-    ]
-    short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
-    if not state.effects:  # a fit that is far off bends everything else: look from the declared arm, too
-        vector = bench.guess.vector()
-        declared = linearise(state.problem, vector, hold(state.problem, vector))
-        short += [(c, declared) for c in catalogue(declared, (), bench.workers)[:SURELY]]
-    refits = [_with(bench, state, candidate, origin) for candidate, origin in short]
-    tried = []
-    for (candidate, _), new in zip(short, all_fitted(bench, refits), strict=True):
-        tried.append((candidate, new))
-        progress(f"  {_name(new.effects[-1])}: {excess(bench, new):.4g}, promised {candidate.gain:.3g}")
-    return tried
-
-
-def _polished(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, the best fitted finely; where none of these is near, what promised most besides (it may have been
-    far from its place), and what still falls again and again."""
-    near = CLOSE**2 * degrees(bench.split.select)
-    named = sorted((one for one in tried if not _is_curve(one)), key=_select)
-    drawn = sorted((one for one in tried if _is_curve(one)), key=_select)
-    best, others = named[:FINALISTS] + drawn[:1], named[FINALISTS:]
-    if named and _select(named[0]) > near:
-        surest = sorted(others, key=lambda one: -one[0].gain)[:FINALISTS]
-        best, others = best + surest, [one for one in others if one not in surest]
-    falling, settled = best, []
-    for _ in range(1 + PATIENCE):
-        new = list(all_fitted(bench, [Refit.of(state) for _, state in falling]))
-        finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]
-        for _, state in finer:
-            progress(f"  finely, {_name(state.effects[-1])}: {excess(bench, state):.4g}")
-        fell = [now.select < FALLING * before.select for (_, before), now in zip(falling, new, strict=True)]
-        settled += [one for one, still in zip(finer, fell, strict=True) if not still]
-        falling = [one for one, still in zip(finer, fell, strict=True) if still]
-        if not falling or min(map(_select, settled + falling)) <= near:
-            break
-    return settled + falling + others + drawn[1:]
-
-
-def _select(one: Tried) -> float:
-    return one[1].select
-
-
-def _chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
-    """The candidate that is chosen: the best name, or the best curve where no name earns what that does; `before` is
-    chi^2 on the choosing records without any."""
-    dof = degrees(bench.split.select)
-    name = _plainest([one for one in tried if not _is_curve(one)], dof)
-    curve = min((one for one in tried if _is_curve(one)), key=_select, default=None)
-    earned = name is not None and before - _select(name) > max(LEAST_GAIN, LEAST_SHARE * (before - dof))
-    if name is None or (curve is not None and (not earned or _much_better(bench, _select(curve) - dof, name[1]))):
-        return curve
-    return name
-
-
 def _error(bench: Bench, state: State) -> float:
     """The relative error of a model on the records that report; infinite where its response is no number."""
     try:
         return errors(bench, state, bench.split.report).all
     except (ValueError, np.linalg.LinAlgError):
         return float(np.inf)
-
-
-def _plainest(named: Sequence[Tried], dof: int) -> Tried | None:
-    """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters."""
-    if not named:
-        return None
-    least = min(pair[1].select for pair in named)
-    limit = least + TIE + ALIKE * max(least - dof, 0.0)
-    order = list(CATALOGUE)
-    return min(
-        (pair for pair in named if pair[1].select <= limit),
-        key=lambda pair: (len(pair[0].effect.values), order.index(pair[0].effect.name), pair[1].select),
-    )
-
-
-def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
-    """Whether a learned curve, that can play any law of its variable, leaves so much less than a name that the name is wrong."""
-    by_name = named.select - degrees(bench.split.select)
-    return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and excess(bench, named) > NAMED
-
-
-def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> Refit:
-    """The model with a candidate, to be refitted hastily."""
-    unit = units(lin, type(candidate.effect), candidate.effect.joint)
-    limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
-    return Refit(
-        np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect),
-        state.scales + candidate.scales, state.limits + limits, 1, HASTILY,
-    )  # fmt: skip
-
-
-def _since(bench: Bench, state: State) -> State:
-    """The same model, its last effect since the record that the choosing ones tell, of those between two that fit."""
-    effect = state.effects[-1]
-    names = [p.name for p in effect.parameters]
-    if "record" not in names:
-        return state
-    place = state.problem.base + sum(len(e.values) for e in state.effects[:-1]) + names.index("record")
-    now = int(effect["record"])
-    earlier = [one.index + 1 for one in bench.split.fit if one.index + 1 < now]
-    best = state
-    for record in range(max(earlier, default=1) + 1, now):
-        vector = state.minimum.vector.copy()
-        vector[place] = record
-        chosen = replace(state.problem, data=bench.split.select)
-        select = chi_squared(chosen, vector, hold(chosen, vector))
-        if select < best.select:
-            minimum = replace(state.minimum, vector=vector)
-            best = replace(state, effects=state.problem.effects_at(vector), minimum=minimum, select=select)
-    return best
 
 
 def _pruned(bench: Bench, state: State, entry: Added, progress: Callable[[str], None]) -> tuple[State, Added]:
@@ -378,7 +262,7 @@ def _pruned(bench: Bench, state: State, entry: Added, progress: Callable[[str], 
             continue  # a curve can play any law of its variable: it takes no name away
         less = without(bench, state, old)
         if less.select < state.select + LEAST_GAIN:
-            progress(f"  without {_name(old)} as well: {excess(bench, less):.4g}")
+            progress(f"  without {told(old)} as well: {excess(bench, less):.4g}")
             state = less
     return state, entry
 
@@ -394,11 +278,3 @@ def _std(state: State, effect: Effect) -> tuple[float, ...]:
             return tuple(deviation[k : k + len(e.values)].tolist())
         k += len(e.values)
     return ()
-
-
-def _name(effect: Effect) -> str:
-    place = "" if effect.joint is None else f" at joint {effect.joint + 1}"
-    if isinstance(effect, Learned):
-        again = "" if effect.period is None else f", again every {effect.period:.4g} rad"
-        return f"{effect.name}{place}: {effect.variable} at the {effect.port}{again}"
-    return f"{effect.name}{place} {[float(f'{v:.4g}') for v in effect.values][:4]}"

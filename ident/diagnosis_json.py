@@ -17,7 +17,7 @@ from ident.coupled import degrees_of_freedom, uncertainty
 from ident.departures import Errors
 from ident.deviations import PORTS as DECLARED_PORTS
 from ident.deviations import SIGMAS
-from ident.diagnose import LEAST_GAIN, LEAST_SHARE, Added, Diagnosis, Off
+from ident.diagnose import Added, Diagnosis, Off
 from ident.effects.base import Effect
 from ident.effects.learned import Learned
 from ident.held_out import carried, held_out, noise_floor, sources
@@ -25,6 +25,7 @@ from ident.links import nearest_links
 from ident.plain import plain, replace_file
 from ident.refits import State
 from ident.solve import inertia_std
+from ident.trials import LEAST_GAIN, LEAST_SHARE
 from symgen.plan import Model
 
 FORMAT, VERSION = "frf-verdict", 1

@@ -1,0 +1,190 @@
+"""Candidates tried: refitted with everything, the best finely; which one is chosen, and what it becomes at its minimum."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.acting import has_forces
+from ident.arm_fit import chi_squared, hold
+from ident.candidates import Candidate, bounds, catalogue, curves, units
+from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
+from ident.effects.learned import Learned
+from ident.parts import degrees
+from ident.refits import FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
+from ident.trace import Linearised, linearise
+
+#: Candidates of the catalogue refitted in each round (least and most), and learned curves.
+REFITTED, CURVES = (6, 40), 2
+#: Half of them whatever they promise, as a promise is of first order; as many as make this many numbers to be fitted.
+EFFORT = 1.5e5
+#: Candidates taken over from the declared arm.
+SURELY = 6
+#: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
+FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
+#: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
+LEAST_GAIN, LEAST_SHARE = 40.0, 0.2
+#: A learned curve takes a name's place where it leaves less than this share of what the name leaves.
+CURVE_RATIO = 0.3
+#: chi^2 per degree of freedom above which a name leaves something for a curve to explain.
+NAMED = 1.1
+#: Fall of chi^2 that ends the descent of what was chosen; sizes, of what it is, from where it is tried again.
+FAINTLY, ELSEWHERE = 1e-4, (0.75, 1.1, 1.35)
+#: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
+TIE, ALIKE = 12.0, 0.05
+#: How many times the noise the error of a model is that is near.
+CLOSE = 3.0
+
+
+#: A candidate as it was promised, and the model refitted with it.
+Tried = tuple[Candidate, State]
+
+
+def is_curve(one: Tried) -> bool:
+    return one[0].effect.name == "unknown"
+
+
+def _select(one: Tried) -> float:
+    return one[1].select
+
+
+def hasty(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+    """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted."""
+    wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
+    most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
+    likely = [
+        c for k, c in enumerate(catalogue(lin, state.effects, bench.workers)[:most]) if c.gain > wanted or k < most // 2
+    ]
+    short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
+    if not state.effects:  # a fit that is far off bends everything else: look from the declared arm, too
+        vector = bench.guess.vector()
+        declared = linearise(state.problem, vector, hold(state.problem, vector))
+        short += [(c, declared) for c in catalogue(declared, (), bench.workers)[:SURELY]]
+    refits = [_with(bench, state, candidate, origin) for candidate, origin in short]
+    tried = []
+    for (candidate, _), new in zip(short, all_fitted(bench, refits), strict=True):
+        tried.append((candidate, new))
+        progress(f"  {told(new.effects[-1])}: {excess(bench, new):.4g}, promised {candidate.gain:.3g}")
+    return tried
+
+
+def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> Refit:
+    """The model with a candidate, to be refitted hastily."""
+    unit = units(lin, type(candidate.effect), candidate.effect.joint)
+    limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
+    return Refit(
+        np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect),
+        state.scales + candidate.scales, state.limits + limits, 1, HASTILY,
+    )  # fmt: skip
+
+
+def polished(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, the best fitted finely; where none of these is near, what promised most besides (it may have been
+    far from its place), and what still falls again and again."""
+    near = CLOSE**2 * degrees(bench.split.select)
+    named = sorted((one for one in tried if not is_curve(one)), key=_select)
+    drawn = sorted((one for one in tried if is_curve(one)), key=_select)
+    best, others = named[:FINALISTS] + drawn[:1], named[FINALISTS:]
+    if named and _select(named[0]) > near:
+        surest = sorted(others, key=lambda one: -one[0].gain)[:FINALISTS]
+        best, others = best + surest, [one for one in others if one not in surest]
+    falling, settled = best, []
+    for _ in range(1 + PATIENCE):
+        new = list(all_fitted(bench, [Refit.of(state) for _, state in falling]))
+        finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]
+        for _, state in finer:
+            progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+        fell = [now.select < FALLING * before.select for (_, before), now in zip(falling, new, strict=True)]
+        settled += [one for one, still in zip(finer, fell, strict=True) if not still]
+        falling = [one for one, still in zip(finer, fell, strict=True) if still]
+        if not falling or min(map(_select, settled + falling)) <= near:
+            break
+    return settled + falling + others + drawn[1:]
+
+
+def chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
+    """The candidate that is chosen: the best name, or the best curve where no name earns what that does; `before` is
+    chi^2 on the choosing records without any."""
+    dof = degrees(bench.split.select)
+    name = _plainest([one for one in tried if not is_curve(one)], dof)
+    curve = min((one for one in tried if is_curve(one)), key=_select, default=None)
+    earned = name is not None and before - _select(name) > max(LEAST_GAIN, LEAST_SHARE * (before - dof))
+    if name is None or (curve is not None and (not earned or _much_better(bench, _select(curve) - dof, name[1]))):
+        return curve
+    return name
+
+
+def _plainest(named: Sequence[Tried], dof: int) -> Tried | None:
+    """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters."""
+    if not named:
+        return None
+    least = min(pair[1].select for pair in named)
+    limit = least + TIE + ALIKE * max(least - dof, 0.0)
+    order = list(CATALOGUE)
+    return min(
+        (pair for pair in named if pair[1].select <= limit),
+        key=lambda pair: (len(pair[0].effect.values), order.index(pair[0].effect.name), pair[1].select),
+    )
+
+
+def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
+    """Whether a learned curve, that can play any law of its variable, leaves so much less than a name that the name is wrong."""
+    by_name = named.select - degrees(bench.split.select)
+    return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and excess(bench, named) > NAMED
+
+
+def fully(bench: Bench, state: State) -> State:
+    return fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
+
+
+def since(bench: Bench, state: State) -> State:
+    """The same model, its last effect since the record that the choosing ones tell, of those between two that fit."""
+    effect = state.effects[-1]
+    names = [p.name for p in effect.parameters]
+    if "record" not in names:
+        return state
+    place = state.problem.base + sum(len(e.values) for e in state.effects[:-1]) + names.index("record")
+    now = int(effect["record"])
+    earlier = [one.index + 1 for one in bench.split.fit if one.index + 1 < now]
+    best = state
+    for record in range(max(earlier, default=1) + 1, now):
+        vector = state.minimum.vector.copy()
+        vector[place] = record
+        chosen = replace(state.problem, data=bench.split.select)
+        select = chi_squared(chosen, vector, hold(chosen, vector))
+        if select < best.select:
+            minimum = replace(state.minimum, vector=vector)
+            best = replace(state, effects=state.problem.effects_at(vector), minimum=minimum, select=select)
+    return best
+
+
+def elsewhere(bench: Bench, state: State, effect: Effect, progress: Callable[[str], None]) -> State:
+    """The model, or a better one that lies where a force of `effect` is some other size: what moves so that a force
+    follows has more than one way to."""
+    sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None and not p.whole]
+    if excess(bench, state) < NAMED or not has_forces(effect) or effect.name == "unknown" or not sizes:
+        return state
+    place = next(k for k, e in enumerate(state.effects) if same(e, effect))
+    first = state.problem.base + sum(len(e.values) for e in state.effects[:place])
+    refits = []
+    for factor in ELSEWHERE:
+        vector = state.minimum.vector.copy()
+        vector[[first + k for k in sizes]] *= factor
+        refits.append(replace(Refit.of(state), vector=np.clip(vector, state.problem.low, state.problem.high)))
+    best = min(all_fitted(bench, refits), key=lambda other: other.select)
+    if best.select > state.select - max(LEAST_GAIN, 0.1 * (state.select - degrees(bench.split.select))):
+        return state
+    best = fully(bench, best)
+    progress(f"  elsewhere, {told(best.effects[place])}: {excess(bench, best):.4g}")
+    return best if best.select < state.select else state
+
+
+def told(effect: Effect) -> str:
+    place = "" if effect.joint is None else f" at joint {effect.joint + 1}"
+    if isinstance(effect, Learned):
+        again = "" if effect.period is None else f", again every {effect.period:.4g} rad"
+        return f"{effect.name}{place}: {effect.variable} at the {effect.port}{again}"
+    return f"{effect.name}{place} {[float(f'{v:.4g}') for v in effect.values][:4]}"
