@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import expm
 
 from ident.effects.base import Array, Complex
 from symgen.chain import REVOLUTE, Chain, Inertia, skew
+from symgen.kinematics import placements
 
 
 def at_link(z: Complex, joint: int | None, n: int) -> Complex:
@@ -39,15 +39,11 @@ def twists(chain: Chain, q: Array) -> tuple[Array, list[tuple[Array, Array]]]:
     (R [3, 3], p [3]) of the links, at posture q [n]."""
     R, p = np.eye(3), np.zeros(3)
     rows, frames = [], []
-    for joint, value in zip(chain.joints, q, strict=True):
-        R, p = R @ joint.R, p + R @ joint.p
+    for joint, (turn, shift) in zip(chain.joints, placements(chain, np.asarray(q)[None]), strict=True):
+        R, p = R @ turn[0], p + R @ shift[0]
         axis = R @ joint.axis
-        if joint.type == REVOLUTE:
-            rows.append(np.concatenate([np.cross(p, axis), axis]))
-            R = R @ expm(skew(joint.axis) * value)
-        else:
-            rows.append(np.concatenate([axis, np.zeros(3)]))
-            p = p + axis * value
+        along, about = (np.cross(p, axis), axis) if joint.type == REVOLUTE else (axis, np.zeros(3))
+        rows.append(np.concatenate([along, about]))
         frames.append((R, p))
     return np.array(rows), frames
 
