@@ -125,8 +125,8 @@ def _sliding(
         misfit = arm.misfit(on | {key: on[key].plus(force)})
         if misfit < least:
             best, free, least = force, g / (g + np.maximum(slope, 0.0)), misfit
-        if turns < TURNS or least < EXPLAINED * arm.degrees:
-            break
+        if turns < TURNS or least < EXPLAINED * arm.degrees or slope.min() >= 0.0:
+            break  # friction that never falls with speed is met in one motion only
     return best, free
 
 
