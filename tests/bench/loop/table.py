@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from loop.judge import NEAR_CLEAN
+
 Result = dict[str, Any]
 
 #: (kind, score, what is asked, target).
@@ -56,11 +58,18 @@ def table(found: Sequence[Result]) -> str:
             f"| {robot}: seconds a diagnosis, as many at once as cores | {SECONDS[robot]:g} | {inside:.0%} within | {len(mine)} | "
             f"median {middle:.0f}, 95 % below {most:.0f}, longest {max(seconds):.0f} |"
         )
-    ratios = [r["bias"] / r["clean bias"] for r in found if r.get("clean bias") and r.get("bias") is not None]
-    if ratios:
+    pairs = [(r["bias"], r["clean bias"]) for r in found if r.get("clean bias") and r.get("bias") is not None]
+    if pairs:
+        with_it, clean = np.array(pairs).T
+        other = clean[:, None] / clean
+        chance = other[~np.eye(len(clean), dtype=bool)] > NEAR_CLEAN
         lines += [
             "",
-            f"J(q) with the effect found against the same records without it: {np.median(ratios):.2f} times as wrong (median).",
+            (
+                f"J(q) with the effect found against the same records without it: {np.median(with_it / clean):.2f} times as wrong "
+                f"(median). Both are errors of noise, so that their ratio scatters: of two clean campaigns one is over "
+                f"{NEAR_CLEAN:g} times as wrong as the other in {chance.mean() if chance.size else 0.0:.0%}."
+            ),
         ]
     undrawn = [r for r in found if r["status"].startswith("not drawn")]
     if undrawn:
