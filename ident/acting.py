@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from ident.frf import Complex
 from symgen.chain import Chain
 
 #: Samples a period per line of the band: laws with kinks need more than Nyquist's two.
-OVERSAMPLED = 3
+OVERSAMPLED = 6
 #: Error of every equation, relative to the torque in it; and of that in which a force acts that is not known well.
 TRUST, DOUBT = 1e-4, 0.3
 #: Times the forces are computed from the links that they move.
@@ -118,17 +119,22 @@ def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extr
 class Moved:
     """How an arm moved in a record, and the rigid-body forces of second order that follow, joint side, at all its lines.
 
-    Where the motion was found together with forces: these, `found` at the lines [L], in time of the motion alone, `base` [S],
-    and how much of a change of theirs a change of a law makes, `loose` [S] (1 where it is not told). `springy` are the positions
-    [S] at ports whose force follows from them: its best line through them is stiffness there.
+    Where the motion was found together with forces: these, `found` at the lines [L], and in time of the motion alone, `base` [S].
+    `springy` are the positions [S] at ports whose force follows from them, `rubbing` the velocities at those with dry friction:
+    the best line through force and position is stiffness there, through force and velocity damping.
     """
 
     motion: Motion
     second: Complex | None
     found: Mapping[tuple[str, int], Complex] | None = None
     base: Mapping[tuple[str, int], Array] = field(default_factory=dict)
-    loose: Mapping[tuple[str, int], Array] = field(default_factory=dict)
     springy: Mapping[tuple[str, int], Array] = field(default_factory=dict)
+    rubbing: Mapping[tuple[str, int], Array] = field(default_factory=dict)
+
+    @property
+    def lined(self) -> bool:
+        """Whether the best lines through some forces are told as impedances."""
+        return bool(self.springy or self.rubbing)
 
 
 def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str = "") -> Moved | None:
@@ -166,8 +172,8 @@ def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | 
         return linear
     now = signals(scene, effects, how.motion)
     on, lines = _forces(scene, now, how), _lines(now, how)
-    for (port, k), (x, line) in lines.items():
-        on[port][:, k] -= line * scene.at_lines(x)
+    for (port, k), line in lines.items():
+        on[port][:, k] -= line.slope * scene.at_lines(line.of)
     linear = _stiffened(scene, linear, lines)
     if how.second is not None:
         on["link"] += how.second[np.isin(scene.wide.lines, scene.lines)]
@@ -182,31 +188,40 @@ def linear_part(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Mov
     return _stiffened(scene, linear_extra(scene, p, effects), lines)
 
 
-def _lines(now: Mapping[tuple[str, int], Array], how: Moved) -> dict[tuple[str, int], tuple[Array, float]]:
-    """{(port, live joint): (its position [S], the slope of the best line of force by position)}, joint side."""
+class Line(NamedTuple):
+    """The best line through a force and what it is `of` [S], a position or its rate: joint side by the port's own unit."""
+
+    of: Array
+    slope: float
+    is_rate: bool
+
+
+def _lines(now: Mapping[tuple[str, int], Array], how: Moved) -> dict[tuple[str, int], Line]:
+    """The best lines through forces that are `now` in time, by port and live joint."""
     found = {}
-    for key, x in how.springy.items():
-        swing = x - x.mean()
-        found[key] = (x, float(swing @ now[key]) / max(float(swing @ swing), 1e-300))
+    for moves, is_rate in ((how.springy, False), (how.rubbing, True)):
+        for key, x in moves.items():
+            swing = x - x.mean()
+            found[key] = Line(x, float(swing @ now[key]) / max(float(swing @ swing), 1e-300), is_rate)
     return found
 
 
-def _stiffened(scene: Scene, linear: Extra, lines: Mapping[tuple[str, int], tuple[Array, float]]) -> Extra:
+def _stiffened(scene: Scene, linear: Extra, lines: Mapping[tuple[str, int], Line]) -> Extra:
     """`linear` with the slopes of `lines`; a motor's position is told motor side."""
     m = len(scene.arm.live)
-    Z = np.zeros((2 * m, 2 * m))
-    for (port, k), (_, line) in lines.items():
+    Z = np.zeros((len(scene.lines), 2 * m, 2 * m), dtype=complex)
+    for (port, k), line in lines.items():
         row, column = np.zeros(2 * m), np.zeros(2 * m)
         if port == "spring":
             row[[k, m + k]] = column[[k, m + k]] = (1.0, -1.0)
         else:
             at = k if port == "motor" else m + k
             row[at], column[at] = -1.0, scene.arm.N[k] if port == "motor" else 1.0
-        Z += line * np.outer(row, column)
-    if not Z.any():
+        by = line.slope * (scene.s if line.is_rate else np.ones_like(scene.s))
+        Z += by[:, None, None] * np.outer(row, column)
+    if not lines:
         return linear
-    everywhere = np.asarray(np.broadcast_to(Z, (len(scene.lines), 2 * m, 2 * m)), dtype=complex)
-    return replace(linear, impedance=everywhere if linear.impedance is None else linear.impedance + Z)
+    return replace(linear, impedance=Z if linear.impedance is None else linear.impedance + Z)
 
 
 def has_forces(effect: Effect) -> bool:
@@ -262,8 +277,7 @@ def _forces(scene: Scene, now: Mapping[tuple[str, int], Array], how: Moved) -> d
             on[port][:, k] = scene.at_lines(signal)
             continue
         key = (port, k)
-        change = (signal - how.base[key]) * how.loose.get(key, 1.0)
-        on[port][:, k] = how.found[key] + scene.at_lines(change)
+        on[port][:, k] = how.found[key] + scene.at_lines(signal - how.base[key])
     return on
 
 

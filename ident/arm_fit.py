@@ -167,7 +167,7 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
         how = moved(scene, p, effects)
         if how is not None and problem.turns and any(map(has_forces, effects)):
             how = smoothed(scene, p, effects, how, one.sampling, powers, problem.turns)
-        if how is not None and how.springy:
+        if how is not None and how.lined:
             linear = linear_part(scene, p, effects, how)
             powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
         W = whitening(powers, scene.theta, doubt)
@@ -217,7 +217,7 @@ def residual(
     )
     k = problem.base
     for place, effect in enumerate(effects):
-        plain = how is not None and not how.springy and only_forces(effect)
+        plain = how is not None and not how.lined and only_forces(effect)
         now = forces(scene, (effect,), how) if plain and how is not None else None
         for j in range(len(effect.values)):
             if not problem.free[k + j]:

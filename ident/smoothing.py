@@ -59,7 +59,7 @@ def _smoothed(
     arm = LikelyMotion.of(scene, p, effects, start.second, sampling, powers)
     on = {key: Force.of(arm.scene, x) for key, x in signals(arm.scene, effects, start.motion).items()}
     best, least = on, arm.misfit(on)
-    loose: dict[Key, Array] = {}
+    rubbing: set[Key] = set()
     springy: set[Key] = set()
     for _ in range(SWEEPS):
         before = on
@@ -71,21 +71,22 @@ def _smoothed(
             others = [e for e in effects if e not in dry and e not in springs]
             on = on | {key: _of(signals(arm.scene, others, motion), key, arm.scene)}
             if dry:
-                force, loose[key] = _sliding(arm, key, dry, motion, on, now, turns)
-                on = on | {key: on[key].plus(force)}
+                rubbing.add(key)
+                on = on | {key: on[key].plus(_sliding(arm, key, dry, motion, on, now, turns))}
             elif springs:
                 springy.add(key)
                 on = on | {key: on[key].plus(_yielding(arm, key, springs, motion, on))}
         misfit = arm.misfit(on)
         if misfit < least:
             best, least = on, misfit
-        if all(now.near(on[key], SAME) for key, now in before.items()) or (loose and len(on) == 1):
+        if all(now.near(on[key], SAME) for key, now in before.items()) or (rubbing and len(on) == 1):
             break
     motion = arm.moving(best)
     return replace(
         start, motion=motion, found={key: force.lines[arm.inside] for key, force in best.items()},
-        base=signals(arm.scene, effects, motion), loose=loose,
+        base=signals(arm.scene, effects, motion),
         springy={(port, k): motion.at(port, int(scene.arm.live[k]))[0] for port, k in springy},
+        rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing},
     )  # fmt: skip
 
 
@@ -95,9 +96,8 @@ def _of(found: Mapping[Key, Array], key: Key, scene: Scene) -> Force:
 
 def _sliding(
     arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces, start: Force, turns: int
-) -> tuple[Force, Array]:
-    """The force of dry `laws` at a port, of the velocity that it leaves, from `start` under the forces `on` besides; and how freely it
-    follows its parameters [S]: 0 where the joint sticks and the force is what holds it, 1 where it slides.
+) -> Force:
+    """The force of dry `laws` at a port, of the velocity that it leaves, from `start` under the forces `on` besides.
 
     Friction f(v) = w - g v and what moves the port, v = v0 - Y f, are met in turns (J. Douglas, H. H. Rachford, Trans. AMS 82
     (1956), DOI 10.1090/S0002-9947-1956-0084194-4; P.-L. Lions, B. Mercier, SIAM J. Numer. Anal. 16 (1979), DOI
@@ -116,7 +116,7 @@ def _sliding(
     v0, Y = arm.rate(key, on)
     gear = 1.0 if port == "motor" else float(scene.N[joint])
     creep = 0.0 if scene.creeping is None else float(scene.creeping[joint]) / gear
-    best, free, least = start, np.ones(scene.samples), np.inf
+    best, least = start, np.inf
     alone = scene.in_time(np.stack([v0, start.lines], axis=1))
     for times, from_measured in product(DAMPED, (True, False)):
         g = times / float(np.median(np.abs(Y)))
@@ -124,10 +124,10 @@ def _sliding(
         force, slope = _in_turns(scene, friction, g, v0, Y, w, turns, creep)
         misfit = arm.misfit(on | {key: on[key].plus(force)})
         if misfit < least:
-            best, free, least = force, g / (g + np.maximum(slope, 0.0)), misfit
+            best, least = force, misfit
         if turns < TURNS or least < EXPLAINED * arm.degrees or slope.min() >= 0.0:
             break  # friction that never falls with speed is met in one motion only
-    return best, free
+    return best
 
 
 def _in_turns(
@@ -140,21 +140,29 @@ def _in_turns(
     turns: int,
     mean_rate: float = 0.0,
 ) -> tuple[Force, Array]:
-    """The force of `friction` where v = v0 - Y friction(v), from w = friction(v) + g v; and the slope of friction [S] there."""
-    v = w / g
-    slope = np.zeros_like(w)
-    force, mean = np.zeros_like(v0), 0.0
+    """The force of `friction` where v = v0 - Y friction(v), from w = friction(v) + g v; and the slope of friction [S] there.
+
+    Friction has harmonics beyond the lines; there the port is what it is at the last line, a mass.
+    """
+    S = scene.samples
+    harmonics = np.arange(S // 2 + 1)
+    beyond = harmonics > scene.lines[-1]
+    alone, gives = np.zeros((2, len(harmonics)), dtype=complex)
+    alone[scene.lines], gives[scene.lines] = v0 * (S / 2), Y
+    gives[beyond] = Y[-1] * scene.lines[-1] / harmonics[beyond]
+    v, slope, force = w / g, np.zeros_like(w), np.zeros_like(alone)
     for _ in range(turns):
         v, slope = _met(friction, g, w, v)
         f = w - g * v
-        left = scene.at_lines(f - g * v)
-        v_lines = (v0 - Y * left) / (1.0 + g * Y)
-        force, mean = left + g * v_lines, float(f.mean())
-        before = w  # a constant torque moves nothing for ever: what is needed is there
-        w = scene.in_time((force + g * v_lines)[:, None])[:, 0] + mean + g * mean_rate
+        left = np.fft.rfft(f - g * v)
+        v_lines = (alone - gives * left) / (1.0 + g * gives)
+        force = left + g * v_lines
+        force[0] = f.sum()
+        v_lines[0] = S * mean_rate  # a constant torque moves nothing for ever: what is needed is there
+        before, w = w, np.fft.irfft(force + g * v_lines, S)
         if np.std(w - before) < SETTLED * np.std(w):
             break
-    return Force(-force, -mean), slope
+    return Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S), slope
 
 
 def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces) -> Force:
