@@ -61,6 +61,7 @@ class Scene:
     slopes: tuple[Array, Array] | None = None
     creeping: Array | None = None
     chain: Chain | None = None
+    gravity: Array | None = None
     oversampled: int = OVERSAMPLED
 
     @cached_property
@@ -97,7 +98,9 @@ def known(scene: Scene, p: Parameters) -> Known:
     """The arm as effects know it: J of the live joints, zero rows for the others."""
     J = np.zeros((scene.n, scene.n))
     J[np.ix_(scene.arm.live, scene.arm.live)] = scene.arm.J(p)
-    return Known(scene.N, p.K, p.J_m, p.D, p.D_spring, J, scene.posture, scene.fs, chain=scene.chain)
+    return Known(
+        scene.N, p.K, p.J_m, p.D, p.D_spring, J, scene.posture, scene.fs, chain=scene.chain, gravity=scene.gravity
+    )
 
 
 def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extra:

@@ -31,7 +31,7 @@ ROUGHLY = 0.01
 UNSEEN_INFORMATION = 1e-2
 #: Relative rounding error of an information matrix.
 INFORMATION_ROUNDING = 1e-13
-#: Share of its scale by which an effect's parameter is changed to see what it does; of itself, what its impedance depends on.
+#: Share of itself, or of its scale, by which an effect's parameter is changed to see what it does; of itself, what its impedance depends on.
 NUDGE, IMPEDANCE_NUDGE = 1e-4, 1e-6
 
 
@@ -222,7 +222,8 @@ def residual(
         for j in range(len(effect.values)):
             if not problem.free[k + j]:
                 continue
-            nudge = NUDGE * problem.scale[k + j]
+            size = problem.scale[k + j]
+            nudge = NUDGE * float(np.clip(abs(effect.values[j]), 1e-2 * size, size))
             nudge = nudge if effect.values[j] + nudge <= problem.high[k + j] else -nudge
             values = list(effect.values)
             values[j] += nudge

@@ -88,6 +88,7 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
         slopes=_slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
         creeping=campaign.N * frf.drift * band.f0 / max(frf.periods - 1, 1),
         chain=model.chain,
+        gravity=campaign.gravity,
     )
     one = 2.0 * (BINS - ORDER)
     share = (frf.dof / one - 1.0) / (frf.width - 1) if frf.width > 1 else 1.0

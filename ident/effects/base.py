@@ -148,7 +148,7 @@ class Known:
     """What is known of the arm where an effect is put: n joints, `N`, `K`, `J_m`, `D`, `D_spring` [n], J [n, n] at the record's
     `posture` [n], and `fs` [Hz]; rows of J of joints that are clamped, motor and link, are zero. `base_inertia` [6, n + 6]: rows of the six base motions (shifts along, turns about x, y, z
     of the base), columns (coupling to q, base itself). `chain` the declared links: where the structure of the arm gives,
-    geometry says who feels it; without it such an effect is felt by its own joint only."""
+    geometry says who feels it; without it such an effect is felt by its own joint only. `gravity` [3, m/s2, base axes]."""
 
     N: Array
     K: Array
@@ -160,6 +160,7 @@ class Known:
     fs: float
     base_inertia: Array | None = None
     chain: Chain | None = None
+    gravity: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,20 +17,27 @@ def at_link(z: Complex, joint: int | None, n: int) -> Complex:
     return result
 
 
-def eliminated(s: Complex, coupling: Array, inertia: Array, stiffness: Array, damping: Array) -> Complex:
-    """What k more coordinates, each on its own spring, do to the links: -s^4 C^T (s^2 M + s d + k)^-1 C.
+def eliminated(
+    s: Complex,
+    coupling: Array,
+    inertia: Array,
+    stiffness: Array,
+    damping: Array,
+    weight: tuple[Array, Array] | None = None,
+) -> Complex:
+    """What k more coordinates, each on its own spring, do to the links: -B^T (s^2 M + s d + k + W)^-1 B, B = s^2 C + V.
 
-    `coupling` C [k, n] and `inertia` M [k, k] in kg m2, `stiffness`, `damping` [k]. That of C's own share in J(q), if it
-    is new, is the caller's to add.
+    `coupling` C [k, n] and `inertia` M [k, k] in kg m2, `stiffness`, `damping` [k]; `weight` (V [k, n], W [k, k]) the
+    stiffness [N m/rad] that gravity adds. That of C's own share in J(q), if it is new, is the caller's to add.
     """
+    V, W = weight or (np.zeros(coupling.shape), np.zeros(inertia.shape))
     n = coupling.shape[1]
-    own = s[:, None, None] ** 2 * inertia
+    own = s[:, None, None] ** 2 * inertia + W
+    both = s[:, None, None] ** 2 * coupling + V
     k = np.arange(len(inertia))
     own[:, k, k] += s[:, None] * damping + stiffness
     result = np.zeros((len(s), 2 * n, 2 * n), dtype=complex)
-    result[:, n:, n:] = -(s[:, None, None] ** 4) * (
-        coupling.T @ np.linalg.solve(own, np.broadcast_to(coupling + 0j, (len(s), *coupling.shape)))
-    )
+    result[:, n:, n:] = -np.swapaxes(both, 1, 2) @ np.linalg.solve(own, both)
     return result
 
 
@@ -60,6 +67,20 @@ def coupling(chain: Chain, q: Array, motion: Array, link: int = 0, share: float 
     carried = np.cumsum(bodies[::-1], axis=0)[::-1]  # what hangs on each joint
     C = np.array([motion @ carried[max(j, link)] @ joints[j] for j in range(chain.n)]).T
     return C, motion @ carried[link] @ motion.T
+
+
+def tilted(chain: Chain, q: Array, gravity: Array) -> tuple[Array, Array]:
+    """Returns the stiffness [N m/rad] that `gravity` [3] gives turns of the base about its axes: (with the joints [3, n], their own
+    [3, 3]), second derivatives of the potential at posture q [n]."""
+    joints, frames = twists(chain, q)
+    bodies = [_spatial(joint.inertia.moved(R, p)) for joint, (R, p) in zip(chain.joints, frames, strict=True)]
+    carried = np.cumsum(bodies[::-1], axis=0)[::-1]
+    turned = np.cross(np.eye(3), gravity)  # by how much a base that turns sees gravity turn back
+    pulls = np.array([carried[j][:, :3] @ turned.T for j in range(chain.n)])  # n, 6, 3
+    first = carried[0]
+    h = np.array([first[5, 1], first[3, 2], first[4, 0]])  # mass times centre
+    own = float(h @ gravity) * np.eye(3) - 0.5 * (np.outer(h, gravity) + np.outer(gravity, h))
+    return np.einsum("nk,nka->an", joints, pulls), own
 
 
 def own_inertia(chain: Chain, q: Array, link: int, motion: Array) -> Array:

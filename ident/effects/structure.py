@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from ident.effects.base import Array, Body, Complex, Effect, Known, Parameter
-from ident.effects.impedance import coupling, eliminated, own_inertia, twists
+from ident.effects.impedance import coupling, eliminated, own_inertia, tilted, twists
 from symgen.chain import Chain
 
 #: Retardation time [s] of a spring: its damping over its stiffness. At 30 Hz, 2e-4 s is 2 % of critical.
@@ -66,7 +66,8 @@ class BaseCompliance(Effect):
         else:
             return None
         k, own = self._springs()
-        return eliminated(s, C, carried + np.diag(own), k, k * self["damping"])
+        weight = None if arm.chain is None or arm.gravity is None else tilted(arm.chain, arm.posture, arm.gravity)
+        return eliminated(s, C, carried + np.diag(own), k, k * self["damping"], weight)
 
     def _springs(self) -> tuple[Array, Array]:
         """Stiffness and own inertia [3] about x, y, z."""

@@ -10,7 +10,7 @@ import pytest
 from ident.effects.base import PORTS, SCALES, Effect, Known, Law, Motion, scale
 from ident.effects.catalogue import CATALOGUE, parse, truth
 from ident.effects.hysteresis import MotorHysteresis
-from ident.effects.impedance import coupling, twists
+from ident.effects.impedance import coupling, tilted, twists
 from ident.errors import IdentError
 from symgen.robot import load_robot
 from symgen.urdf import load_chain
@@ -171,6 +171,31 @@ def test_geometry_is_pinocchios(name: str) -> None:
     assert data.oMi[0].translation == pytest.approx(np.zeros(3))
     momentum = data.Ag[3:] + np.cross(data.com[0], data.Ag[:3].T).T
     assert C == pytest.approx(momentum, rel=1e-9, abs=1e-10)
+
+
+@pytest.mark.parametrize("name", ["ypp3", "arm6"])
+def test_gravity_stiffness_of_a_base_that_turns_is_pinocchios(name: str) -> None:
+    """Second differences of the potential with gravity turned the other way."""
+    n = len(load_robot(ROBOTS / name).drives)
+    q, h = np.random.default_rng(6).uniform(-1, 1, n), 1e-3
+    arm, model, data = known(name, q)
+    assert arm.chain is not None
+    gravity = np.array([1.0, -2.0, -9.0])
+    with_joints, own = tilted(arm.chain, q, gravity)
+
+    def potential(turn: np.ndarray, q: np.ndarray) -> float:
+        model.gravity.linear = pin.exp3(turn).T @ gravity
+        return float(pin.computePotentialEnergy(model, data, q))
+
+    def second(a: np.ndarray, b: np.ndarray) -> float:
+        """Mixed difference along two steps of (turn [3], q [n])."""
+        at = [potential((i * a + j * b)[:3], q + (i * a + j * b)[3:]) for i, j in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
+        return (at[0] - at[1] - at[2] + at[3]) / (4 * h * h)
+
+    steps = h * np.eye(3 + n)
+    hessian = np.array([[second(a, b) for b in steps] for a in steps[:3]])
+    assert own == pytest.approx(hessian[:, :3], abs=2e-5 * np.abs(hessian).max())
+    assert with_joints == pytest.approx(hessian[:, 3:], abs=2e-5 * np.abs(hessian).max())
 
 
 LINEAR = {
