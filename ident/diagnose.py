@@ -219,7 +219,6 @@ def _round(bench: Bench, state: State, first: float, progress: Callable[[str], N
     if best is None or not np.isfinite(best[1].select):
         return None
     new = since(bench, fully(bench, best[1]))
-    new = elsewhere(bench, new, new.effects[-1], progress)
     less = without(bench, new, new.effects[-1])  # what is gained by a better fit is no gain of the effect
     state = less if less.select < state.select else state
     dof = degrees(bench.split.select)

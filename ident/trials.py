@@ -102,7 +102,12 @@ def polished(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], Non
         falling = [one for one, still in zip(finer, fell, strict=True) if still]
         if not falling or min(map(_select, settled + falling)) <= near:
             break
-    return settled + falling + others + drawn[1:]
+    found = settled + falling + others + drawn[1:]
+    first = min((one for one in found if not is_curve(one)), key=_select, default=None)
+    if first is not None:
+        better = elsewhere(bench, first[1], first[1].effects[-1], progress)
+        found = [(one[0], better) if one is first else one for one in found]
+    return found
 
 
 def chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
