@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -149,3 +150,17 @@ class Chain:
     def limits(self) -> Array:
         """Finite joint limits [n, 2] in rad or m."""
         return readonly([joint.limits for joint in self.joints])
+
+
+def placements(chain: Chain, q: Array) -> Iterator[tuple[Array, Array]]:
+    """Yields for each body its frame in the frame of the body before: rotations [m, 3, 3] and origins [m, 3, m] at q [m, n]."""
+    for k, joint in enumerate(chain.joints):
+        if joint.type == REVOLUTE:
+            c, s = np.cos(q[:, k])[:, None, None], np.sin(q[:, k])[:, None, None]
+            A0 = np.outer(joint.axis, joint.axis)
+            yield (
+                joint.R @ (A0 + c * (np.eye(3) - A0) + s * skew(joint.axis)),
+                np.broadcast_to(joint.p, (len(q), 3)),
+            )
+        else:
+            yield np.broadcast_to(joint.R, (len(q), 3, 3)), joint.p + q[:, k, None] * (joint.R @ joint.axis)

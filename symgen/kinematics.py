@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from symgen.chain import REVOLUTE, Array, Chain, skew
+from symgen.chain import REVOLUTE, Array, Chain, placements, skew
 
 #: Rows and columns of the six entries Lxx, Lxy, Lyy, Lxz, Lyz, Lzz of a symmetric matrix, in the order of `PARAMETERS`.
 MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
@@ -30,20 +28,6 @@ def energy_row(v: Array, w: Array) -> Array:
         if x != y:
             row[..., 4 + column] += v_omega[..., y] * w_omega[..., x]
     return row
-
-
-def placements(chain: Chain, q: Array) -> Iterator[tuple[Array, Array]]:
-    """Yields for each body its frame in the frame of the body before: rotations [m, 3, 3] and origins [m, 3, m] at q [m, n]."""
-    for k, joint in enumerate(chain.joints):
-        if joint.type == REVOLUTE:
-            c, s = np.cos(q[:, k])[:, None, None], np.sin(q[:, k])[:, None, None]
-            A0 = np.outer(joint.axis, joint.axis)
-            yield (
-                joint.R @ (A0 + c * (np.eye(3) - A0) + s * skew(joint.axis)),
-                np.broadcast_to(joint.p, (len(q), 3)),
-            )
-        else:
-            yield np.broadcast_to(joint.R, (len(q), 3, 3)), joint.p + q[:, k, None] * (joint.R @ joint.axis)
 
 
 def twists(chain: Chain, q: Array) -> list[Array]:

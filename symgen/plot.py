@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symgen.chain import REVOLUTE, Array, Chain, readonly
+from symgen.chain import REVOLUTE, Array, Chain, placements, readonly
 from symgen.errors import PlanError
-from symgen.kinematics import placements
 from symgen.plan import Cell, Model, load_plan_cells
 from symgen.request import PLAN_FILE, model_for, recorded
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.effects.base import Array, Complex
-from symgen.chain import REVOLUTE, Chain, Inertia, skew
-from symgen.kinematics import placements
+from symgen.chain import REVOLUTE, Chain, Inertia, placements, skew
 
 
 def at_link(z: Complex, joint: int | None, n: int) -> Complex:
