@@ -30,6 +30,8 @@ from symgen.chain import Chain
 OVERSAMPLED = 6
 #: Error of every equation, relative to the torque in it; and of that in which a force acts that is not known well.
 TRUST, DOUBT = 1e-4, 0.3
+#: Aliases on either side that gains are told of: those of a motor alone fall with the third power.
+FOLDED = 8
 #: Times the forces are computed from the links that they move.
 PASSES = 2
 
@@ -75,6 +77,13 @@ class Scene:
             theta=np.concatenate([self.theta, theta])[order], beyond=(lines[:0], tau[:0], theta[:0]),
         )  # fmt: skip
 
+    def misread(self, errors: Mapping[int, float]) -> Scene:
+        """The record where the angles of some live joints (from 0, of those) were read too large by these means [rad]."""
+        means = self.means.copy()
+        for k, error in errors.items():
+            means[1, self.arm.live[k]] -= error
+        return replace(self, means=means)
+
     @cached_property
     def samples(self) -> int:
         """Samples of a period in time, the same for the band and for all lines."""
@@ -115,7 +124,24 @@ def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extr
         sum(impedances[1:], impedances[0]) if impedances else None,
         np.prod(torque, axis=0) if torque else None,
         np.prod(angle, axis=0) if angle else None,
+        folded=_folded(scene, arm, effects, [*torque, *angle]) if scene.hold == "zoh" else None,
     )
+
+
+def _folded(scene: Scene, arm: Known, effects: Sequence[Effect], gains: Sequence[Complex]) -> Complex | None:
+    """By how much more the aliases of a held torque come through `gains` [L, m] at the line: sum of (g(s_k) / g(s) - 1) / s_k^3."""
+    if not gains:
+        return None
+    orders = np.delete(np.arange(-FOLDED, FOLDED + 1), FOLDED)
+    s = scene.s[:, None] + 2j * np.pi * scene.fs * orders
+    there = [
+        gain.reshape(*s.shape, -1)[..., scene.arm.live]
+        for e in effects
+        for gain in (e.torque_gain(s.ravel(), arm), e.angle_gain(s.ravel(), arm))
+        if gain is not None
+    ]
+    more: Complex = np.prod(there, axis=0) / np.prod(gains, axis=0)[:, None] - 1.0
+    return np.sum(more / s[..., None] ** 3, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,13 +184,15 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str =
     on = _nothing(wide)
     motion = _motion(wide, p, linear, on, doubts)
     for _ in range(PASSES if forceful else 1):
-        on = forces(wide, effects, Moved(motion, None))
+        now = signals(wide, effects, motion)
+        on = _forces(wide, now, Moved(motion, None))
         second = None
         if scene.slopes is not None:
             second = wide.at_lines(_second_order(wide, p, motion))
             on["link"] += second
         if forceful:
-            motion = _motion(wide, p, linear, on, doubts)
+            misread = {k: float(error.mean()) for (port, k), error in now.items() if port == "reading"}
+            motion = _motion(wide.misread(misread), p, linear, on, doubts)
     return Moved(motion, second)
 
 

@@ -83,8 +83,9 @@ class Extra:
     """What acts on m live joints besides the elastic arm, at the lines [L] of a record; None: nothing.
 
     `impedance` [L, 2m, 2m] adds to the dynamic stiffness of (theta / N, q); `torque_gain`, `angle_gain` [L, m] multiply
-    torques and measured angles; `on_motor`, `on_link` [L, m] are forces, joint side; `reading` [L, m, rad, motor side] adds
-    to the measured angles.
+    torques and measured angles, `folded` [L, m, s3] is the sum of (g(s_k) / g(s) - 1) / s_k^3 over the aliases s_k of a held
+    torque, g the product of both gains; `on_motor`, `on_link` [L, m] are forces, joint side; `reading` [L, m, rad, motor side]
+    adds to the measured angles.
     """
 
     impedance: Complex | None = None
@@ -93,6 +94,7 @@ class Extra:
     on_motor: Complex | None = None
     on_link: Complex | None = None
     reading: Complex | None = None
+    folded: Complex | None = None
 
     def at(self, use: NDArray[np.bool_]) -> Extra:
         """The same at some of the lines [L]."""
@@ -162,8 +164,10 @@ def _held(
     shift = np.asarray(2j * np.pi * sampling.fs * orders, dtype=complex)
     left_over = np.sum(1.0 / (s[:, None] + shift) ** 3, axis=1) + 1.0 / s**3
     zm = np.expm1(s * Ts)
-    rigid = Ts**2 * (zm + 2.0) / (2.0 * zm**2) - rise * left_over
-    held = tau * rigid[:, None, None] / p.J_m[arm.live][:, None]
+    rigid = (Ts**2 * (zm + 2.0) / (2.0 * zm**2) - rise * left_over)[:, None]
+    if extra.folded is not None:
+        rigid = rigid + rise[:, None] * extra.folded
+    held = tau * (rigid / p.J_m[arm.live])[..., None]
 
     highest = _highest_mode(arm, p)
     nodes, interpolation = _nodes(sampling, highest)

@@ -13,8 +13,9 @@ _WHOLE = 1e-9  # samples: a delay this close to a whole number of them is one
 class Line:
     """One motor's torque path at rest at `start` [N m, commanded]; `steps` steps a sample, `h` [s] each.
 
-    `push` once a sample, then `mean(j)` for its steps in their order: the torque's mean over the step, which has its exact
-    impulse, lag and switch between two commands included.
+    `push` once a sample, then `over(j)` for its steps in their order: the torque's mean over the step, which has its exact
+    impulse, lag and switch between two commands included, and what its place in the step matters: the integral of
+    (time left in the step) (torque - mean) [N m s2], by which the mean falls short of the momentum's own integral.
     """
 
     def __init__(self, path: Path, start: float, steps: int, h: float) -> None:
@@ -32,19 +33,24 @@ class Line:
         self._queue.append(command)
         self._old, self._new = self._new, self._queue[0]
 
-    def mean(self, j: int) -> float:
+    def over(self, j: int) -> tuple[float, float]:
+        h = self._h
         old = min(max(self._part - j, 0.0), 1.0)  # share of the step that still has the old command
         pieces = [(old, self._gain * self._old), (1.0 - old, self._gain * self._new)]
-        if not self._lags:
-            return pieces[0][0] * pieces[0][1] + pieces[1][0] * pieces[1][1] if old else pieces[1][1]
-        torque = 0.0
+        mean = old * pieces[0][1] + (1.0 - old) * pieces[1][1] if old else pieces[1][1]
+        short = 0.5 * h * h * old * (1.0 - old) * (pieces[0][1] - pieces[1][1])
         for lag in self._lags:
             time, y = lag
-            torque = 0.0
+            left, impulse, moved = h, 0.0, 0.0
             for share, u in pieces:
-                kept = exp(-share * self._h / time)
-                torque += share * u + (y - u) * (1.0 - kept) * time / self._h
+                d = share * h
+                kept = exp(-d / time)
+                impulse += u * d + (y - u) * time * (1.0 - kept)
+                moved += u * d * (left - 0.5 * d) + (y - u) * time * (left - time + (time + d - left) * kept)
+                left -= d
                 y = u + (y - u) * kept
             lag[1] = y
-            pieces = [(1.0, torque)]
-        return torque
+            mean = impulse / h
+            short = moved - 0.5 * h * impulse
+            pieces = [(1.0, mean)]
+        return mean, short

@@ -44,8 +44,9 @@ from symgen.plan import Model
 MOST_EFFECTS, MOST_OFF = 4, 6
 #: A learned curve needs this share of all that was in excess to be added.
 CURVE_SHARE = 0.05
-#: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free.
-BENDS = 30.0
+#: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
+#: many times where something is left and they may.
+BENDS, MAY_BEND = 10.0, 3.0
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured; below which
 #: nothing more is looked for.
 LEFT, ENOUGH = 0.03, 3e-3
@@ -115,11 +116,11 @@ def diagnose(
     guess = declared_start(campaign, model, responses, basis)
     bench = Bench(campaign, model, basis, split(data, model), guess, workers)
     start = first(bench)
-    if not bench.split.note and _bends(bench, start):
+    if not bench.split.note and _bends(bench, start, BENDS):
         bench, start = _by_lines(bench, data, progress)
     state, added = _loop(bench, start, progress)
     left = _left_over(bench, start, state, added)
-    if left and not bench.split.note and not groups(bench, state, bench.split.fit):
+    if left and not bench.split.note and _bends(bench, state, MAY_BEND):
         bench, start = _by_lines(bench, data, progress)
         state, added = _loop(bench, start, progress)
         left = _left_over(bench, start, state, added)
@@ -132,10 +133,10 @@ def diagnose(
     return Diagnosis(campaign, model, responses, bench.split, start, state, final, off, before, after, left, status)
 
 
-def _bends(bench: Bench, state: State) -> bool:
-    """Whether a model fits the records that fit so much better than the others that these leave too much of it free."""
+def _bends(bench: Bench, state: State, times: float) -> bool:
+    """Whether a model fits the records that fit so many times better than the others: these leave too much of it free."""
     fitting = state.minimum.chi2 / degrees(bench.split.fit)
-    return excess(bench, state) - 1.0 > BENDS * (max(fitting - 1.0, 0.0) + 0.1)
+    return excess(bench, state) - 1.0 > times * (max(fitting - 1.0, 0.0) + 0.1)
 
 
 def _by_lines(bench: Bench, data: tuple[Evidence, ...], progress: Callable[[str], None]) -> tuple[Bench, State]:

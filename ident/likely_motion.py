@@ -135,6 +135,7 @@ class LikelyMotion:
                 spring[:, k] += force.lines
             carried[live[k]] += force.mean if port == "motor" else 0.0
             besides[live[k]] += force.mean if port == "spring" else 0.0
+        scene = scene.misread({k: force.mean for (port, k), force in on.items() if port == "reading"})
         return motion_of(scene, p, theta, scene.tau, q, spring, carried, besides)
 
 

@@ -107,14 +107,20 @@ class Machine:
         if not (self._lines or self._ports or self._driven or self._moments):
             mujoco.mj_step(model, data, self._steps)
         else:
-            mean = np.zeros(len(direct))
+            mean, further = np.zeros(len(direct)), np.zeros((1, model.nv))
             for j in range(self._steps):
                 if self._lines:
+                    short = np.zeros(model.nv)
                     for k, line in self._lines:
-                        direct[k] = line.mean(j) + disturbance[k]
+                        torque, short[self._live[k].motor] = line.over(j)
+                        direct[k] = torque + disturbance[k]
+                        short[self._live[k].motor] *= self._live[k].drive.N
                     data.ctrl[:] = direct
                     mean += data.ctrl
                 self._step(j)
+                if self._lines and short.any():
+                    mujoco.mj_solveM(model, data, further, short[None])
+                    data.qpos[:] += further[0]
             if self._lines:
                 away[2 * model.nv :] = mean / self._steps - self._ctrl
         if self._lacking is not None:

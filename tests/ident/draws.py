@@ -81,9 +81,9 @@ def draw(
     chain: Chain,
     robot: Robot,
     scales: Mapping[str, Mapping[str, float]],
-    records: int,
+    records: Sequence[int],
 ) -> Draw:
-    """An effect of the catalogue, or outside it, at a joint (from 0), sizes as in `RANGES`; `records` the campaign has."""
+    """An effect of the catalogue, or outside it, at a joint (from 0) that these `records` (from 1) excite, sizes as in `RANGES`."""
     cls, ranges = KINDS[name], (RANGES | OUTSIDE_RANGES)[name]
     at = None if cls.scope == ("arm",) else joint
     if cls is MotorCoupling and joint == chain.n - 1:
@@ -95,7 +95,10 @@ def draw(
         if p.name in ranges:
             values[p.name] = _drawn(rng, ranges[p.name]) * scale(p.relative, unit) * share
     if name == "change-between-records":
-        values["record"] = float(rng.integers(2, max(3, records)))
+        between = range(min(records) + 1, max(records) + 1) or (
+            2,
+        )  # what changes while the joint is held is not seen to change
+        values["record"] = float(rng.choice(between))
     effect = cls.of(at, values)
     return Draw(
         effect,
@@ -139,7 +142,8 @@ def draw_at_random(
     if joint not in known:
         posture = next(q for cell, q in cells if cell == chain.names[joint])
         known[joint] = scales(chain, robot, joint, posture, lock=lock)
-    return draw(rng, name, joint, chain, robot, known[joint], len(cells))
+    mine = [k for k, (cell, _) in enumerate(cells, 1) if cell == chain.names[joint]]
+    return draw(rng, name, joint, chain, robot, known[joint], mine)
 
 
 def scales(

@@ -74,7 +74,8 @@ def judge(
     measured = Theta / motors
     plain = held(False)
     free, Z = held(True), stiffness(s, True)
-    mean, wound = theta.mean(axis=0), load / known.K
+    read, wound = theta.mean(axis=0), load / known.K
+    mean = read
     reading = np.zeros_like(Theta)
     push = np.zeros((top, 2 * m), dtype=complex)
     free_push = np.zeros((top, 2 * m), dtype=complex)
@@ -87,7 +88,7 @@ def judge(
         motion = _motion(record, known, list(live), true * motors, links, s, T, mean, wound)
         wound = load / known.K
         push = np.zeros((top, 2 * m), dtype=complex)
-        reading = np.zeros_like(Theta)
+        reading, mean = np.zeros_like(Theta), read.copy()
         for effect in effects:
             loads = [(effect.port, effect.joint, F)] if (F := effect.force(motion)) is not None else []
             loads += effect.loads([motion.state(j) for j in range(n)])
@@ -99,6 +100,7 @@ def judge(
                     push[:, m + k] += {"motor": 0.0, "spring": 1.0, "link": 1.0}[port] * line
             if (error := effect.reading(motion)) is not None:
                 reading[:, live.index(effect.joint)] += np.fft.rfft(error)[lines] / len(error)
+                mean[effect.joint] -= error.mean()
         response = np.linalg.solve(Z, push[..., None])[..., 0]
         response[:, :m] *= gain(s, "angle_gain", True)
         X = free + response

@@ -11,15 +11,20 @@ import pytest
 from draws import RANGES, draws
 from explaining import Judged, judge
 
+from ident.arm_fit import hold, residual
 from ident.bench import simulate
 from ident.campaign import Campaign
 from ident.cli import main
+from ident.coupled import declared_start, problem_of
 from ident.effects.base import Arm, Effect, Known, Law, Parameter, State
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.errors import ExperimentError
+from ident.evidence import evidence, gravity_basis
+from ident.frf import estimate
 from ident.injection import inject
 from ident.machine import Machine
 from ident.plant import build_plant, linearise
+from symgen.plan import make_model
 from symgen.robot import Experiment, load_robot
 from symgen.urdf import load_chain
 
@@ -92,6 +97,29 @@ def test_the_fit_side_explains_the_simulated_side(text: str, joint: int, lock: s
     found = judged(parse(text, QUIET.drives), joint, lock, QUIET if lock == "rigid" else SMALL)
     assert found.without > 2e-3, "it shows"
     assert found.with_it < 0.1 * found.without
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "torque-lag:time=0.00035@joint1", "torque-lag:time=0.0005@joint3", "input-delay:time=0.00034@joint3",
+        "input-delay:time=0.0016@joint1", "time-offset:time=-0.00035@joint1", "time-offset:time=0.0007@joint3",
+        "encoder-eccentricity:amplitude=0.03,order=1,phase=1@joint1", "encoder-eccentricity:amplitude=0.02,order=2@joint3",
+    ],
+)  # fmt: skip
+def test_the_fit_is_exact_where_torque_and_angle_arrive_otherwise(text: str) -> None:
+    """Switches within samples, aliases of held torques and what is misread on the mean included: else J(q) pays for it."""
+    effect = parse(text, QUIET.drives)
+    c = run([effect], YPP.names.index(text[-6:]))
+    model, frf = make_model(YPP, believe_zeros=True), estimate(c.records[0], c)
+    basis = gravity_basis(model, c.gravity)
+    one, start = evidence(c, model, basis, frf, 0, "every"), declared_start(c, model, (frf,), basis)
+    many = len(effect.values)
+    problem = problem_of(c, model, basis, (one,), start, (effect,), [1e-3] * many, [(-np.inf, np.inf)] * many)
+    vector = np.concatenate([start.vector(), effect.values])
+    (kept,) = hold(problem, vector)
+    left = residual(problem, vector, one, kept.moved)[0]
+    assert np.linalg.norm(left) < 1e-5 * np.linalg.norm(one.scene.theta)
 
 
 @pytest.mark.parametrize(
