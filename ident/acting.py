@@ -30,6 +30,8 @@ from symgen.chain import Chain
 OVERSAMPLED = 6
 #: Error of every equation, relative to the torque in it; and of that in which a force acts that is not known well.
 TRUST, DOUBT = 1e-4, 0.3
+#: What an effect may change besides forces and the dynamic stiffness.
+_OTHERS = ("torque_gain", "angle_gain", "posture", "shares")
 #: Aliases on either side that gains are told of: those of a motor alone fall with the third power.
 FOLDED = 8
 #: Times the forces are computed from the links that they move.
@@ -257,15 +259,21 @@ def _stiffened(scene: Scene, linear: Extra, lines: Mapping[tuple[str, int], Line
 
 def has_forces(effect: Effect) -> bool:
     """Whether an effect needs the motion: a law, a load, an error of the reading."""
-    kind = type(effect)
-    return any(getattr(kind, hook) is not getattr(Effect, hook) for hook in ("force", "loads", "reading"))
+    return _has(effect, "force", "loads", "reading")
+
+
+def _has(effect: Effect, *hooks: str) -> bool:
+    return any(getattr(type(effect), hook) is not getattr(Effect, hook) for hook in hooks)
 
 
 def only_forces(effect: Effect) -> bool:
     """Whether an effect changes nothing but forces and readings."""
-    kind = type(effect)
-    hooks = ("impedance", "torque_gain", "angle_gain", "posture", "shares")
-    return all(getattr(kind, hook) is getattr(Effect, hook) for hook in hooks)
+    return not _has(effect, "impedance", *_OTHERS)
+
+
+def only_impedance(effect: Effect) -> bool:
+    """Whether an effect changes nothing but the dynamic stiffness."""
+    return not has_forces(effect) and not _has(effect, *_OTHERS)
 
 
 def _nothing(scene: Scene) -> dict[str, Complex]:
@@ -400,7 +408,8 @@ def _second_order(scene: Scene, p: Parameters, moved: Motion) -> Array:
     q = moved.q[:, live] - moved.q[:, live].mean(axis=0)
     v = moved.q_rate[:, live]
     a = scene.in_time(scene.s[:, None] * scene.at_lines(v))
-    force = np.einsum("kij,sk,sj->si", dJ, q, a) + np.einsum("kij,sk,sj->si", dJ, v, v)
-    force -= 0.5 * np.einsum("ijk,sj,sk->si", dJ, v, v)
-    force += 0.5 * np.einsum("kij,sk,sj->si", dK, q, q)
-    return -force
+    by_k = dJ.transpose(0, 2, 1)  # [k, j, i]
+    parts = [(q, a, by_k), (v, v, by_k - 0.5 * dJ.transpose(1, 2, 0)), (q, q, 0.5 * dK.transpose(0, 2, 1))]
+    m = len(live)
+    pairs = np.concatenate([(x[:, :, None] * y[:, None, :]).reshape(-1, m * m) for x, y, _ in parts], axis=1)
+    return -pairs @ np.concatenate([part.reshape(m * m, m) for _, _, part in parts])

@@ -13,7 +13,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import Moved, Scene, acting, forces, has_forces, known, linear_extra, linear_part, moved, only_forces
+from ident.acting import (
+    Moved,
+    Scene,
+    acting,
+    forces,
+    has_forces,
+    known,
+    linear_extra,
+    linear_part,
+    moved,
+    only_forces,
+    only_impedance,
+)
 from ident.arm_model import Extra, Parameters, Posture, by_impedance, motion_and_derivatives, transfer
 from ident.campaign import Array
 from ident.effects.base import Effect
@@ -219,15 +231,15 @@ def residual(
     for place, effect in enumerate(effects):
         plain = how is not None and not how.lined and only_forces(effect)
         now = forces(scene, (effect,), how) if plain and how is not None else None
-        for j in range(len(effect.values)):
-            if not problem.free[k + j]:
-                continue
-            size = problem.scale[k + j]
-            nudge = NUDGE * float(np.clip(abs(effect.values[j]), 1e-2 * size, size))
-            nudge = nudge if effect.values[j] + nudge <= problem.high[k + j] else -nudge
-            values = list(effect.values)
-            values[j] += nudge
-            changed = effect.with_values(values)
+        nudged = _nudged(problem, effect, k)
+        if nudged and only_impedance(effect):
+            Z = _impedances(scene, p, (effect, *(changed for _, _, changed in nudged)), use)
+            extra = acting(scene, p, effects, how).at(use)
+            differences = -by_impedance(scene.arm, p, scene.s[use], extra, scene.theta[use] - r, Z[1:] - Z[0])
+            more += [differences[..., [i]] / nudge for i, (_, nudge, _) in enumerate(nudged)]
+            columns += [np.array([j]) for j, _, _ in nudged]
+            nudged = []
+        for j, nudge, changed in nudged:
             if now is None or how is None:
                 difference = run((*effects[:place], changed, *effects[place + 1 :]), False)[0] - r
             else:
@@ -235,9 +247,32 @@ def residual(
                 motor, link = by["motor"] - by["spring"], by["link"] + by["spring"]
                 difference = -(on_motor @ motor[..., None] + on_link @ link[..., None])[..., 0] - by["reading"]
             more.append((difference / nudge)[..., None])
-            columns.append(np.array([k + j]))
+            columns.append(np.array([j]))
         k += len(effect.values)
     return r, np.concatenate(more, axis=2), np.concatenate(columns)
+
+
+def _nudged(problem: Problem, effect: Effect, first: int) -> list[tuple[int, float, Effect]]:
+    """(its place in the vector, by how much it is changed, the effect that is then) of each value that is free."""
+    found = []
+    for j, value in enumerate(effect.values):
+        if not problem.free[first + j]:
+            continue
+        size = problem.scale[first + j]
+        nudge = NUDGE * float(np.clip(abs(value), 1e-2 * size, size))
+        nudge = nudge if value + nudge <= problem.high[first + j] else -nudge
+        values = list(effect.values)
+        values[j] += nudge
+        found.append((first + j, nudge, effect.with_values(values)))
+    return found
+
+
+def _impedances(scene: Scene, p: Parameters, effects: Sequence[Effect], use: NDArray[np.bool_]) -> Complex:
+    """What each of `effects` adds to the dynamic stiffness of the live joints at the lines in `use` [k, L, 2m, 2m]."""
+    both, arm, s = np.concatenate([scene.arm.live, scene.n + scene.arm.live]), known(scene, p), scene.s[use]
+    nothing = np.zeros((len(s), 2 * scene.n, 2 * scene.n), dtype=complex)
+    every = [nothing if (Z := effect.impedance(s, arm)) is None else Z for effect in effects]
+    return np.array(every)[:, :, both[:, None], both]
 
 
 def _by_impedance(

@@ -13,6 +13,7 @@ import numpy as np
 
 from ident.arm_fit import chi_squared, hold, minimise, spectrum
 from ident.campaign import Campaign
+from ident.candidates import catalogue
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, departures, errors, groups
 from ident.deviations import Deviation, deviations
@@ -28,6 +29,7 @@ from ident.trials import (
     CLOSE,
     LEAST_GAIN,
     LEAST_SHARE,
+    NAMED,
     TIE,
     chosen,
     elsewhere,
@@ -35,6 +37,7 @@ from ident.trials import (
     hasty,
     is_curve,
     polished,
+    refitted,
     since,
     told,
 )
@@ -47,6 +50,8 @@ CURVE_SHARE = 0.05
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
 #: many times where something is left and they may.
 BENDS, MAY_BEND = 10.0, 3.0
+#: Names tried in the place of a learned curve.
+NAMES = 6
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured; below which
 #: nothing more is looked for.
 LEFT, ENOUGH = 0.03, 3e-3
@@ -121,9 +126,11 @@ def diagnose(
     state, added = _loop(bench, start, progress)
     left = _left_over(bench, start, state, added)
     if left and not bench.split.note and _bends(bench, state, MAY_BEND):
-        bench, start = _by_lines(bench, data, progress)
-        state, added = _loop(bench, start, progress)
-        left = _left_over(bench, start, state, added)
+        by_lines = _by_lines(bench, data, progress)
+        other, more = _loop(*by_lines, progress)
+        if _left(*by_lines, other) < _left(bench, start, state):
+            (bench, start), state, added = by_lines, other, more
+            left = _left_over(bench, start, state, added)
     final = tuple(replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if same(a.effect, e))
     before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
     off = () if left else _off(bench, state)
@@ -159,11 +166,36 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
             break
         state, entry = _pruned(bench, *step, progress)
         added.append(entry)
+        for curve in [e for e in state.effects[:-1] if e.name == "unknown"]:
+            state, added = _renamed(bench, state, curve, added, progress)
     for effect in state.effects[:-1]:  # found while others were missing
         state = elsewhere(bench, state, effect, progress)
     if added:
         added[-1] = replace(added[-1], after=errors(bench, state, bench.split.report).all)
     return state, added
+
+
+def _renamed(
+    bench: Bench, state: State, curve: Effect, added: list[Added], progress: Callable[[str], None]
+) -> tuple[State, list[Added]]:
+    """The model with a name in a learned curve's place, if one does as well now that more is known, or leaves nothing."""
+    less = without(bench, state, curve)
+    lin = linearise(less.problem, less.minimum.vector, hold(less.problem, less.minimum.vector))
+    names = [
+        c
+        for c in catalogue(lin, less.effects, bench.workers)
+        if (c.effect.joint, c.effect.port) == (curve.joint, curve.port)
+    ]
+    progress(f"without {told(curve)}: {excess(bench, less):.4g}")
+    tried = polished(bench, refitted(bench, less, [(c, lin) for c in names[:NAMES]], progress), progress)
+    best = chosen(bench, tried, less.select)
+    dof = degrees(bench.split.select)
+    limit = max(state.select + max(LEAST_GAIN, ALIKE * (state.select - dof)), NAMED * dof)
+    if best is None or best[1].select > limit:
+        return state, added
+    new = fully(bench, best[1])
+    entries = [replace(a, effect=new.effects[-1]) if same(a.effect, curve) else a for a in added]
+    return (new, entries) if new.select <= limit else (state, added)
 
 
 def _left_over(bench: Bench, start: State, state: State, added: Sequence[Added]) -> tuple[Departure, ...]:

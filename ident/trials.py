@@ -63,6 +63,13 @@ def hasty(bench: Bench, state: State, lin: Linearised, progress: Callable[[str],
         vector = bench.guess.vector()
         declared = linearise(state.problem, vector, hold(state.problem, vector))
         short += [(c, declared) for c in catalogue(declared, (), bench.workers)[:SURELY]]
+    return refitted(bench, state, short, progress)
+
+
+def refitted(
+    bench: Bench, state: State, short: Sequence[tuple[Candidate, Linearised]], progress: Callable[[str], None]
+) -> list[Tried]:
+    """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted."""
     refits = [_with(bench, state, candidate, origin) for candidate, origin in short]
     tried = []
     for (candidate, _), new in zip(short, all_fitted(bench, refits), strict=True):
