@@ -32,7 +32,7 @@ CURVE_RATIO = 0.3
 #: chi^2 per degree of freedom above which a name leaves something for a curve to explain.
 NAMED = 1.1
 #: Fall of chi^2 that ends the descent of what was chosen; sizes, of what it is, from where it is tried again.
-FAINTLY, ELSEWHERE = 1e-4, (0.75, 1.1, 1.35)
+FAINTLY, ELSEWHERE = 1e-4, (0.7, 0.85, 1.1, 1.2, 1.35)
 #: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
 TIE, ALIKE = 12.0, 0.05
 #: How many times the noise the error of a model is that is near.

@@ -5,14 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import diagnosed as by_hand
 import numpy as np
 import pytest
 
 from ident.bench import simulate
 from ident.campaign import Campaign
-from ident.diagnose import Diagnosis, diagnose
+from ident.coupled import declared_start
+from ident.diagnose import Diagnosis, _renamed, diagnose
 from ident.effects.catalogue import parse
+from ident.effects.learned import learned
+from ident.evidence import gravity_basis
 from ident.parts import split
+from ident.refits import HASTILY, Bench, Refit, fitted
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -79,3 +84,22 @@ def test_a_declared_number_that_is_off_is_named(model: Model, text: str, name: s
     assert (first.deviation.name, first.deviation.joint) == (name, joint)
     assert first.deviation.values[0][1] == pytest.approx(value, rel=0.05)
     assert first.before > 2.0 * first.after
+
+
+def test_a_name_takes_a_curves_place_once_it_explains_the_records() -> None:
+    """As after another effect was found: friction that was drawn as a curve is one that has a name."""
+    d = by_hand.diagnosis()
+    guess = declared_start(d.campaign, d.model, d.responses, gravity_basis(d.model, d.campaign.gravity))
+    bench = Bench(d.campaign, d.model, gravity_basis(d.model, d.campaign.gravity), d.split, guess, 1)
+    knots = [-8.0, -2.0, -0.2, 0.2, 2.0, 8.0]
+    curve = learned("motor", "velocity", knots)(by_hand.JOINT, tuple(-by_hand.LEVEL * np.sign(knots)))
+    many = len(knots)
+    drawn = Refit(
+        np.concatenate([guess.vector(), curve.values]), (curve,), (1e-3,) * many, ((-1.0, 1.0),) * many, 1, HASTILY
+    )
+    state = fitted(bench, drawn)
+    entry = replace(d.added[0], effect=state.effects[0])
+    new, (added,) = _renamed(bench, state, state.effects[0], [entry], lambda line: None)
+    assert [e.name for e in new.effects] == [added.effect.name] == ["motor-coulomb"]
+    assert added.effect.joint == by_hand.JOINT
+    assert added.effect.values[0] == pytest.approx(by_hand.LEVEL, rel=0.05)
