@@ -90,7 +90,10 @@ def loud(joints: NDArray[np.int64], noise: Array) -> NDArray[np.bool_]:
 def groups(
     bench: Bench, state: State, data: Sequence[Evidence]
 ) -> list[tuple[int, int, float, float, str, float, float]]:
-    """Groups of lines beyond `DEPARTURE`: (record, joint, low, high, kind, level, chi^2 in excess)."""
+    """Groups of lines beyond `DEPARTURE`: (record, joint, low, high, kind, level, chi^2 in excess).
+
+    The level is without the line that departs most: one alone is an outlier, no effect.
+    """
     problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
     held = hold(problem, state.minimum.vector)
     found = []
@@ -106,9 +109,10 @@ def groups(
                 if 2 * int(use.sum()) < LEAST_DOF:
                     continue
                 for k, joint in enumerate(one.scene.arm.live.tolist()):
-                    level = float(power[use, k].mean() / 2.0)
+                    here = power[use, k]
+                    level = float((here.sum() - here.max()) / (len(here) - 1) / 2.0)
                     if level > DEPARTURE * max(1.0, FULL_DOF / (2 * int(use.sum()))):
-                        found.append((one.index, joint, low, high, kind, level, float(power[use, k].sum())))
+                        found.append((one.index, joint, low, high, kind, level, float(here.sum())))
     return found
 
 
