@@ -26,8 +26,8 @@ from ident.excitation import synthesise
 from ident.frf import Complex
 from symgen.chain import Chain
 
-#: Samples a period per line of the band: laws with kinks need more than Nyquist's two.
-OVERSAMPLED = 6
+#: Samples a period per line of the band: laws with kinks need more than Nyquist's two, and J(q) suffers from too few.
+OVERSAMPLED = 12
 #: Error of every equation, relative to the torque in it; and of that in which a force acts that is not known well.
 TRUST, DOUBT = 1e-4, 0.3
 #: What an effect may change besides forces and the dynamic stiffness.

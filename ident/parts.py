@@ -112,6 +112,11 @@ def few_lines(one: Evidence, most: int) -> Evidence:
     return lines_of(one, few)
 
 
+def sampled(one: Evidence, samples: int) -> Evidence:
+    """The same record, forces told by so many samples a line."""
+    return replace(one, scene=replace(one.scene, oversampled=samples))
+
+
 def degrees(data: Sequence[Evidence]) -> int:
     """Real numbers measured at the lines judged."""
     return sum(2 * one.scene.theta.shape[1] * one.count for one in data)

@@ -14,14 +14,15 @@ from ident.coupled import DOUBTS, problem_of
 from ident.effects.base import Effect
 from ident.evidence import Evidence
 from ident.forked import forked
-from ident.parts import Split, degrees, few_lines
+from ident.parts import Split, degrees, few_lines, sampled
 from ident.smoothing import TURNS
 from symgen.plan import Model
 
-#: Fall of chi^2 that ends a descent: of a candidate, of a finalist; times that the weights of what is chosen are made anew.
-HASTILY, FINELY, FULLY = 0.03, 0.002, 8
-#: Turns to the force of dry friction, and lines of a record, for a candidate.
-FEW_TURNS, FEW_LINES = 15, 250
+#: Fall of chi^2 that ends a descent: of a candidate, of a finalist, of what is chosen; times that the weights of this are made
+#: anew.
+HASTILY, FINELY, FAINTLY, FULLY = 0.03, 0.002, 1e-4, 8
+#: Turns to the force of dry friction, and lines of a record, for a candidate; samples a line until one is chosen.
+FEW_TURNS, FEW_LINES, FEW_SAMPLES = 15, 250, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +97,11 @@ def first(bench: Bench) -> State:
 def fitted(bench: Bench, refit: Refit, doubts: Sequence[float] = ()) -> State:
     hasty = refit.roughly == HASTILY
     more = (refit.effects, refit.scales, refit.limits, FEW_TURNS if hasty else TURNS)
-    fit, select = (
-        tuple(few_lines(one, FEW_LINES) for one in part) if hasty else part
-        for part in (bench.split.fit, bench.split.select)
-    )
+    fit, select = bench.split.fit, bench.split.select
+    if refit.roughly > FAINTLY:
+        fit, select = (tuple(sampled(one, FEW_SAMPLES) for one in part) for part in (fit, select))
+    if hasty:
+        fit, select = (tuple(few_lines(one, FEW_LINES) for one in part) for part in (fit, select))
     problem, chosen = bench.problem(fit, *more), bench.problem(select, *more)
     try:
         minimum = minimise(problem, refit.vector, doubts, refit.outer, refit.roughly)

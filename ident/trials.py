@@ -14,7 +14,7 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Learned
 from ident.parts import degrees
-from ident.refits import FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
+from ident.refits import FAINTLY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
 from ident.trace import Linearised, linearise
 
 #: Candidates of the catalogue refitted in each round (least and most), and learned curves.
@@ -31,8 +31,8 @@ LEAST_GAIN, LEAST_SHARE = 40.0, 0.2
 CURVE_RATIO = 0.3
 #: chi^2 per degree of freedom above which a name leaves something for a curve to explain.
 NAMED = 1.1
-#: Fall of chi^2 that ends the descent of what was chosen; sizes, of what it is, from where it is tried again.
-FAINTLY, ELSEWHERE = 1e-4, (0.7, 0.85, 1.1, 1.2, 1.35)
+#: Sizes, of what it is, from where what forces is tried again.
+ELSEWHERE = (0.7, 0.85, 1.1, 1.2, 1.35)
 #: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
 TIE, ALIKE = 12.0, 0.05
 #: How many times the noise the error of a model is that is near.
