@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ident.arm_model import Extra, Parameters, Posture, stiffness
 from ident.campaign import Array
-from ident.effects.base import Effect, Known, Motion
+from ident.effects.base import Effect, Known, Motion, Swing
 from ident.excitation import synthesise
 from ident.frf import Complex
 from symgen.chain import Chain
@@ -190,7 +190,7 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str =
         on = _forces(wide, now, Moved(motion, None))
         second = None
         if scene.slopes is not None:
-            second = wide.at_lines(_second_order(wide, p, motion))
+            second = _second_order(wide, p, effects, motion)
             on["link"] += second
         if forceful:
             misread = {k: float(error.mean()) for (port, k), error in now.items() if port == "reading"}
@@ -400,8 +400,9 @@ def _diagonal(values: Complex) -> Complex:
     return np.asarray(values[..., None] * np.eye(values.shape[1]))
 
 
-def _second_order(scene: Scene, p: Parameters, moved: Motion) -> Array:
-    """Forces [S, m] on the links of second order in the motion: Coriolis, centrifugal, and what J and gravity change by."""
+def _second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], moved: Motion) -> Complex:
+    """Forces [L, m] on the links of second order in the motion: Coriolis, centrifugal, what J and gravity change by, and what
+    comes back from a structure that gives."""
     assert scene.slopes is not None
     live = scene.arm.live
     dJ, dK = scene.slopes[0] @ p.alpha, scene.slopes[1] @ p.gravity  # [k, i, j]
@@ -412,4 +413,12 @@ def _second_order(scene: Scene, p: Parameters, moved: Motion) -> Array:
     parts = [(q, a, by_k), (v, v, by_k - 0.5 * dJ.transpose(1, 2, 0)), (q, q, 0.5 * dK.transpose(0, 2, 1))]
     m = len(live)
     pairs = np.concatenate([(x[:, :, None] * y[:, None, :]).reshape(-1, m * m) for x, y, _ in parts], axis=1)
-    return -pairs @ np.concatenate([part.reshape(m * m, m) for _, _, part in parts])
+    force = -scene.at_lines(pairs @ np.concatenate([part.reshape(m * m, m) for _, _, part in parts]))
+    giving = [e for e in effects if _has(e, "second_order")]
+    if giving:
+        whole = np.zeros((3, len(q), scene.n))
+        whole[:, :, live] = q, v, a
+        swing = Swing(whole[0], whole[1], whole[2], scene.at_lines, scene.in_time)
+        back = [e.second_order(scene.s, known(scene, p), swing) for e in giving]
+        force += sum(more[:, live] for more in back if more is not None)
+    return force

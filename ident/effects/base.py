@@ -164,6 +164,18 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
+class Swing:
+    """How all joints move about their posture in one period: positions `q`, velocities `v`, accelerations `a` [S, n];
+    `at_lines` gives the amplitudes [L, ..] of signals [S, ..], `in_time` signals of amplitudes."""
+
+    q: Array
+    v: Array
+    a: Array
+    at_lines: Callable[[Array], Complex]
+    in_time: Callable[[Complex], Array]
+
+
+@dataclass(frozen=True, eq=False)
 class Arm:
     """The numbers of a simulated arm: links, drives [n] in the order of its joints, gravity [3, m/s2]."""
 
@@ -267,6 +279,10 @@ class Effect(ABC):
 
     def impedance(self, s: Complex, arm: Known) -> Complex | None:
         """What it adds to the dynamic stiffness [S, 2n, 2n] of (theta/N, q), joint side, at s [S]."""
+        return None
+
+    def second_order(self, s: Complex, arm: Known, swing: Swing) -> Complex | None:
+        """Forces [L, n] on the links at s [L] that come back from what gives: of second order in the joints' `swing`."""
         return None
 
     def torque_gain(self, s: Complex, arm: Known) -> Complex | None:

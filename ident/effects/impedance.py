@@ -29,15 +29,28 @@ def eliminated(
     `coupling` C [k, n] and `inertia` M [k, k] in kg m2, `stiffness`, `damping` [k]; `weight` (V [k, n], W [k, k]) the
     stiffness [N m/rad] that gravity adds. That of C's own share in J(q), if it is new, is the caller's to add.
     """
-    V, W = weight or (np.zeros(coupling.shape), np.zeros(inertia.shape))
+    both, own = with_base(s, coupling, inertia, stiffness, damping, weight)
     n = coupling.shape[1]
-    own = s[:, None, None] ** 2 * inertia + W
-    both = s[:, None, None] ** 2 * coupling + V
-    k = np.arange(len(inertia))
-    own[:, k, k] += s[:, None] * damping + stiffness
     result = np.zeros((len(s), 2 * n, 2 * n), dtype=complex)
     result[:, n:, n:] = -np.swapaxes(both, 1, 2) @ np.linalg.solve(own, both)
     return result
+
+
+def with_base(
+    s: Complex,
+    coupling: Array,
+    inertia: Array,
+    stiffness: Array,
+    damping: Array,
+    weight: tuple[Array, Array] | None = None,
+) -> tuple[Complex, Complex]:
+    """Returns the dynamic stiffness [S, k, n] between k more coordinates and the links, and [S, k, k] of their own, of the
+    same arguments as `eliminated`."""
+    V, W = weight or (np.zeros(coupling.shape), np.zeros(inertia.shape))
+    own = s[:, None, None] ** 2 * inertia + W
+    k = np.arange(len(inertia))
+    own[:, k, k] += s[:, None] * damping + stiffness
+    return np.asarray(s[:, None, None] ** 2 * coupling + V), np.asarray(own, dtype=complex)
 
 
 def twists(chain: Chain, q: Array) -> tuple[Array, list[tuple[Array, Array]]]:

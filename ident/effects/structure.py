@@ -6,12 +6,14 @@ from typing import final
 
 import numpy as np
 
-from ident.effects.base import Array, Body, Complex, Effect, Known, Parameter
-from ident.effects.impedance import coupling, eliminated, own_inertia, tilted, twists
+from ident.effects.base import Array, Body, Complex, Effect, Known, Parameter, Swing
+from ident.effects.impedance import coupling, eliminated, own_inertia, tilted, twists, with_base
 from symgen.chain import Chain
 
 #: Retardation time [s] of a spring: its damping over its stiffness. At 30 Hz, 2e-4 s is 2 % of critical.
 _DAMPING = Parameter("damping", "s", 0.0, 0.01, (2e-4,), zero=None)
+#: The twists of a base that turns about x, y and z, and the step [rad, m] of a joint by which what it carries is differentiated.
+_TURNS, _DIFFERENCE = np.hstack([np.zeros((3, 3)), np.eye(3)]), 1e-4
 
 
 @final
@@ -58,16 +60,49 @@ class BaseCompliance(Effect):
     )
 
     def impedance(self, s: Complex, arm: Known) -> Complex | None:
-        n = len(arm.N)
         if arm.base_inertia is not None:
-            C, carried = arm.base_inertia[3:, :n], arm.base_inertia[3:, n + 3 :]
-        elif arm.chain is not None:
-            C, carried = coupling(arm.chain, arm.posture, np.hstack([np.zeros((3, 3)), np.eye(3)]))
-        else:
+            n = len(arm.N)
+            return eliminated(s, *self._own(arm.base_inertia[3:, :n], arm.base_inertia[3:, n + 3 :]), None)
+        if arm.chain is None:
             return None
+        return eliminated(s, *self._own(*coupling(arm.chain, arm.posture, _TURNS)), self._weight(arm, arm.posture))
+
+    def second_order(self, s: Complex, arm: Known, swing: Swing) -> Complex | None:
+        """While links swing, what the base carries changes: inertia and weight push it, and what turns it pushes the links."""
+        chain, q = arm.chain, arm.posture
+        if chain is None:
+            return None
+        both, own = with_base(s, *self._own(*coupling(chain, q, _TURNS)), self._weight(arm, q))
+        turn = -np.linalg.solve(own, both @ swing.at_lines(swing.q)[..., None])[..., 0]
+        x, v, a = (swing.in_time(s[:, None] ** order * turn) for order in range(3))
+        on_base, on_links = np.zeros_like(x), np.zeros_like(swing.q)
+        for k in np.flatnonzero(swing.q.any(axis=0)):
+            step = _DIFFERENCE * np.eye(chain.n)[k]
+            slopes = (self._felt(arm, q + step) - self._felt(arm, q - step)) / (2.0 * _DIFFERENCE)
+            C, M, V, W = np.split(slopes, np.cumsum([chain.n, 3, chain.n]), axis=1)
+            q_k, v_k = swing.q[:, [k]], swing.v[:, [k]]
+            on_base -= q_k * (swing.a @ C.T + 0.5 * swing.q @ V.T + a @ M.T + x @ W.T) + v_k * (swing.v @ C.T + v @ M.T)
+            on_links -= q_k * (a @ C + x @ V) + v_k * (v @ C)
+            on_links[:, k] += np.sum((v @ C) * swing.v, axis=1)
+        turned = np.linalg.solve(own, swing.at_lines(on_base)[..., None])
+        return np.asarray(swing.at_lines(on_links) - (np.swapaxes(both, 1, 2) @ turned)[..., 0])
+
+    def _felt(self, arm: Known, q: Array) -> Array:
+        """What turns of the base feel at posture q [3, 2n + 6]: inertia shared with the joints [n] and of all that is carried [3],
+        the stiffness that gravity adds to each."""
+        assert arm.chain is not None
+        inertia = np.hstack(coupling(arm.chain, q, _TURNS))
+        weight = self._weight(arm, q)
+        return np.hstack([inertia, np.zeros_like(inertia) if weight is None else np.hstack(weight)])
+
+    @staticmethod
+    def _weight(arm: Known, q: Array) -> tuple[Array, Array] | None:
+        return None if arm.chain is None or arm.gravity is None else tilted(arm.chain, q, arm.gravity)
+
+    def _own(self, coupled: Array, carried: Array) -> tuple[Array, Array, Array, Array]:
+        """Inertia shared with the joints, the base's own with all it carries, its stiffness and damping."""
         k, own = self._springs()
-        weight = None if arm.chain is None or arm.gravity is None else tilted(arm.chain, arm.posture, arm.gravity)
-        return eliminated(s, C, carried + np.diag(own), k, k * self["damping"], weight)
+        return coupled, carried + np.diag(own), k, k * self["damping"]
 
     def _springs(self) -> tuple[Array, Array]:
         """Stiffness and own inertia [3] about x, y, z."""
