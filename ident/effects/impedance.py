@@ -73,26 +73,40 @@ def coupling(chain: Chain, q: Array, motion: Array, link: int = 0, share: float 
     `motion` [k, 6]: twists, as `twists` gives them, that move a `share` of the body of `link` (from 0) and all links
     behind it.
     """
-    joints, frames = twists(chain, q)
-    bodies = [_spatial(joint.inertia.moved(R, p)) for joint, (R, p) in zip(chain.joints, frames, strict=True)]
-    bodies[link] = share * bodies[link]
-    carried = np.cumsum(bodies[::-1], axis=0)[::-1]  # what hangs on each joint
+    joints, carried = _carried(chain, q, link, share)
     C = np.array([motion @ carried[max(j, link)] @ joints[j] for j in range(chain.n)]).T
     return C, motion @ carried[link] @ motion.T
 
 
-def tilted(chain: Chain, q: Array, gravity: Array) -> tuple[Array, Array]:
-    """Returns the stiffness [N m/rad] that `gravity` [3] gives turns of the base about its axes: (with the joints [3, n], their own
-    [3, 3]), second derivatives of the potential at posture q [n]."""
+def weighed(
+    chain: Chain, q: Array, gravity: Array, motion: Array, link: int = 0, share: float = 1.0, before: int = 0
+) -> tuple[Array, Array]:
+    """Returns the stiffness [N m/rad] that `gravity` [3] gives the same motions: (with the joints [k, n], their own [k, k]),
+    second derivatives of the potential at posture q [n]. The first `before` joints move the axes of the motions, these
+    those of the other joints."""
+    joints, carried = _carried(chain, q, link, share)
+
+    def second(outer: Array, inner: Array, body: Array) -> float:
+        """What turns about `outer` do to what `inner` lifts of what it carries."""
+        return -float(gravity @ np.cross(outer[3:], (body @ inner)[:3]))
+
+    V = [
+        [
+            second(joints[j], one, carried[link]) if j < before else second(one, joints[j], carried[j])
+            for j in range(chain.n)
+        ]
+        for one in motion
+    ]
+    W = np.array([[second(a, b, carried[link]) for b in motion] for a in motion])
+    return np.array(V), 0.5 * (W + W.T)
+
+
+def _carried(chain: Chain, q: Array, link: int, share: float) -> tuple[Array, Array]:
+    """The twists [n, 6] of the joints, and what hangs on each [n, 6, 6] with a `share` of the body of `link`."""
     joints, frames = twists(chain, q)
     bodies = [_spatial(joint.inertia.moved(R, p)) for joint, (R, p) in zip(chain.joints, frames, strict=True)]
-    carried = np.cumsum(bodies[::-1], axis=0)[::-1]
-    turned = np.cross(np.eye(3), gravity)  # by how much a base that turns sees gravity turn back
-    pulls = np.array([carried[j][:, :3] @ turned.T for j in range(chain.n)])  # n, 6, 3
-    first = carried[0]
-    h = np.array([first[5, 1], first[3, 2], first[4, 0]])  # mass times centre
-    own = float(h @ gravity) * np.eye(3) - 0.5 * (np.outer(h, gravity) + np.outer(gravity, h))
-    return np.einsum("nk,nka->an", joints, pulls), own
+    bodies[link] = share * bodies[link]
+    return joints, np.cumsum(bodies[::-1], axis=0)[::-1]
 
 
 def own_inertia(chain: Chain, q: Array, link: int, motion: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from ident.effects.base import Array, Body, Complex, Effect, Known, Parameter, Swing
-from ident.effects.impedance import coupling, eliminated, own_inertia, tilted, twists, with_base
+from ident.effects.impedance import coupling, eliminated, own_inertia, twists, weighed, with_base
 from symgen.chain import Chain
 
 #: Retardation time [s] of a spring: its damping over its stiffness. At 30 Hz, 2e-4 s is 2 % of critical.
@@ -31,8 +31,11 @@ class LockedJointElasticity(Effect):
         if arm.J[i, i]:
             return np.zeros((len(s), 2 * len(arm.N), 2 * len(arm.N)), dtype=complex)
         C, own = _row(arm, i)
+        weight = _weight(arm, i)
         C[0, i] = 0.0
-        return eliminated(s, C, own, np.array([stiffness]), np.array([stiffness * damping]))
+        if weight is not None:
+            weight[0][0, i] = 0.0
+        return eliminated(s, C, own, np.array([stiffness]), np.array([stiffness * damping]), weight)
 
     def structure(self, body: Body) -> None:
         assert self.joint is not None
@@ -44,6 +47,14 @@ def _row(arm: Known, joint: int) -> tuple[Array, Array]:
     if arm.J[joint, joint] or arm.chain is None:
         return np.array(arm.J[[joint]]), np.array(arm.J[[joint]][:, [joint]])
     return coupling(arm.chain, arm.posture, twists(arm.chain, arm.posture)[0][[joint]], joint)
+
+
+def _weight(arm: Known, link: int, motion: Array | None = None, share: float = 1.0) -> tuple[Array, Array] | None:
+    """Gravity's stiffness for one more turn of a link about its joint's axis, or by another `motion` [6], as `weighed`."""
+    if arm.chain is None or arm.gravity is None:
+        return None
+    motion = twists(arm.chain, arm.posture)[0][link] if motion is None else motion
+    return weighed(arm.chain, arm.posture, arm.gravity, motion[None], link, share, link + 1)
 
 
 @final
@@ -97,7 +108,7 @@ class BaseCompliance(Effect):
 
     @staticmethod
     def _weight(arm: Known, q: Array) -> tuple[Array, Array] | None:
-        return None if arm.chain is None or arm.gravity is None else tilted(arm.chain, q, arm.gravity)
+        return None if arm.chain is None or arm.gravity is None else weighed(arm.chain, q, arm.gravity, _TURNS)
 
     def _own(self, coupled: Array, carried: Array) -> tuple[Array, Array, Array, Array]:
         """Inertia shared with the joints, the base's own with all it carries, its stiffness and damping."""
@@ -132,17 +143,21 @@ class LinkFlexibility(Effect):
         k, share, damping, across = self.values
         i = self.joint
         assert i is not None
+        weight = None
         if arm.chain is None:
             C, own = arm.J[[i]] * share, arm.J[i : i + 1, i : i + 1] * share
         elif across:
             R, p = twists(arm.chain, arm.posture)[1][i]
             axis = R @ _out_of_plane(arm.chain, i)
-            C, own = coupling(arm.chain, arm.posture, np.concatenate([np.cross(p, axis), axis])[None], i, share)
+            motion = np.concatenate([np.cross(p, axis), axis])
+            C, own = coupling(arm.chain, arm.posture, motion[None], i, share)
+            weight = _weight(arm, i, motion, share)
         else:
             motion = twists(arm.chain, arm.posture)[0][i]
             C = _row(arm, i)[0] - (1.0 - share) * own_inertia(arm.chain, arm.posture, i, motion)
             own = C[:, [i]]
-        return eliminated(s, C, own, np.array([k]), np.array([k * damping]))
+            weight = _weight(arm, i, motion, share)
+        return eliminated(s, C, own, np.array([k]), np.array([k * damping]), weight)
 
     def structure(self, body: Body) -> None:
         k, share, damping, across = self.values

@@ -10,7 +10,7 @@ import pytest
 from ident.effects.base import PORTS, SCALES, Effect, Known, Law, Motion, scale
 from ident.effects.catalogue import CATALOGUE, parse, truth
 from ident.effects.hysteresis import MotorHysteresis
-from ident.effects.impedance import coupling, tilted, twists
+from ident.effects.impedance import coupling, twists, weighed
 from ident.errors import IdentError
 from symgen.robot import load_robot
 from symgen.urdf import load_chain
@@ -181,7 +181,7 @@ def test_gravity_stiffness_of_a_base_that_turns_is_pinocchios(name: str) -> None
     arm, model, data = known(name, q)
     assert arm.chain is not None
     gravity = np.array([1.0, -2.0, -9.0])
-    with_joints, own = tilted(arm.chain, q, gravity)
+    with_joints, own = weighed(arm.chain, q, gravity, np.hstack([np.zeros((3, 3)), np.eye(3)]))
 
     def potential(turn: np.ndarray, q: np.ndarray) -> float:
         model.gravity.linear = pin.exp3(turn).T @ gravity

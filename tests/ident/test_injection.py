@@ -105,10 +105,11 @@ def test_the_fit_side_explains_the_simulated_side(text: str, joint: int, lock: s
         "torque-lag:time=0.00035@joint1", "torque-lag:time=0.0005@joint3", "input-delay:time=0.00034@joint3",
         "input-delay:time=0.0016@joint1", "time-offset:time=-0.00035@joint1", "time-offset:time=0.0007@joint3",
         "encoder-eccentricity:amplitude=0.03,order=1,phase=1@joint1", "encoder-eccentricity:amplitude=0.02,order=2@joint3",
+        "link-flexibility:stiffness=9000,share=0.6@joint2",
     ],
 )  # fmt: skip
-def test_the_fit_is_exact_where_torque_and_angle_arrive_otherwise(text: str) -> None:
-    """Switches within samples, aliases of held torques and what is misread on the mean included: else J(q) pays for it."""
+def test_the_fit_is_exact_where_torque_and_angle_arrive_otherwise_or_a_link_bends(text: str) -> None:
+    """Switches within samples, aliases of held torques, what is misread on the mean, the weight of what bends: J(q) pays for all."""
     effect = parse(text, QUIET.drives)
     left, theta = unexplained(effect, run([effect], YPP.names.index(text[-6:])))
     assert np.linalg.norm(left) < 1e-5 * np.linalg.norm(theta)
