@@ -20,8 +20,9 @@ from ident.frf import Complex
 from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
 
-#: Orders [per revolution] at which cogging, ripple and gear errors are looked for, and how many of them are scored.
-ORDERS, BEST_ORDERS = tuple(range(1, 101)), 2
+#: Orders [per revolution] at which cogging, ripple and gear errors are looked for, how many of them are scored, and tried where
+#: what was found leaves something.
+ORDERS, BEST_ORDERS, MORE_ORDERS = tuple(range(1, 101)), 2, 6
 #: Share of a plausible size from which an effect that is not linear in its size is differentiated.
 SMALL = 1e-3
 #: Frequencies over the band, stiffnesses, and peaks of the residual at which something on a spring is looked for.
@@ -179,6 +180,19 @@ def _scored(lin: Linearised, kind: type[Effect], joint: int | None) -> Iterator[
             yield candidate
 
 
+def waves(lin: Linearised, effect: Effect) -> list[Candidate]:
+    """Effects like this one, that repeat themselves another number of times a turn: `MORE_ORDERS` of those that promise most."""
+    assert effect.joint is not None
+    kind, unit = type(effect), units(lin, type(effect), effect.joint)
+    names = [p.name for p in kind.parameters]
+    found = []
+    for order in _orders(lin, kind, effect.joint, MORE_ORDERS):
+        values = list(effect.values)
+        values[names.index("order")] = order
+        found.append(_sized(lin, kind(effect.joint, tuple(values)), unit, names))
+    return [c for c in found if c is not None]
+
+
 def _shapes(lin: Linearised, kind: type[Effect], joint: int | None, unit: Sequence[float]) -> Iterator[list[float]]:
     """Start values to try: the shapes' combinations, sizes at their first plausible value."""
     options: list[tuple[float, ...]] = []
@@ -234,15 +248,15 @@ def _one_of_two(kind: type[Effect]) -> bool:
     return len(kind.parameters) > 1
 
 
-def _orders(lin: Linearised, kind: type[Effect], joint: int) -> tuple[float, ...]:
-    """The orders whose waves lie best along the residual, in the records that excite the joint."""
+def _orders(lin: Linearised, kind: type[Effect], joint: int, most: int = BEST_ORDERS) -> tuple[float, ...]:
+    """The `most` orders whose waves lie best along the residual, in the records that excite the joint."""
     if "phase" not in [p.name for p in kind.parameters]:
         return (1.0,)
     port = "sensor" if kind.reading is not Effect.reading else kind.port
     seen = spectrum(lin, port, "motor", joint, float(ORDERS[-1]) + 0.5, 0.5)
     if seen is None:
         return (1.0,)
-    best = np.argsort(seen.at(np.array(ORDERS, dtype=float)))[::-1][:BEST_ORDERS]
+    best = np.argsort(seen.at(np.array(ORDERS, dtype=float)))[::-1][:most]
     return tuple(float(ORDERS[k]) for k in best)
 
 

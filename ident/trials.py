@@ -9,12 +9,12 @@ import numpy as np
 
 from ident.acting import has_forces
 from ident.arm_fit import chi_squared, hold
-from ident.candidates import Candidate, bounds, catalogue, curves, units
+from ident.candidates import Candidate, bounds, catalogue, curves, units, waves
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Learned
 from ident.parts import degrees
-from ident.refits import FAINTLY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
+from ident.refits import FAINTLY, FINELY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
 from ident.trace import Linearised, linearise
 
 #: Candidates of the catalogue refitted in each round (least and most), and learned curves.
@@ -112,9 +112,31 @@ def polished(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], Non
     found = settled + falling + others + drawn[1:]
     first = min((one for one in found if not is_curve(one)), key=_select, default=None)
     if first is not None:
-        better = elsewhere(bench, first[1], first[1].effects[-1], progress)
+        better = _reordered(bench, first[1], progress)
+        better = elsewhere(bench, better, better.effects[-1], progress)
         found = [(one[0], better) if one is first else one for one in found]
     return found
+
+
+def _reordered(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+    """The model, or a better one whose last effect repeats itself more or less often: what was missing bent the arm from which
+    its order was read."""
+    effect = state.effects[-1]
+    if excess(bench, state) < NAMED or "order" not in [p.name for p in effect.parameters]:
+        return state
+    count = len(effect.values)
+    less = bench.problem(state.problem.data, state.effects[:-1], state.scales[:-count], state.limits[:-count])
+    vector = state.minimum.vector[:-count]
+    lin = linearise(less, vector, hold(less, vector))
+    others = [c for c in waves(lin, effect) if c.effect["order"] != effect["order"]]
+    plain = replace(state, effects=less.effects, scales=state.scales[:-count], limits=state.limits[:-count])
+    refits = [_with(bench, plain, candidate, lin) for candidate in others]
+    best = min(all_fitted(bench, refits), key=lambda other: other.select, default=state)
+    if best.select >= state.select:
+        return state
+    best = fitted(bench, Refit.of(best))
+    progress(f"  of another order, {told(best.effects[-1])}: {excess(bench, best):.4g}")
+    return best if best.select < state.select else state
 
 
 def chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
@@ -134,7 +156,7 @@ def _plainest(named: Sequence[Tried], dof: int) -> Tried | None:
     if not named:
         return None
     least = min(pair[1].select for pair in named)
-    limit = least + TIE + ALIKE * max(least - dof, 0.0)
+    limit = least + TIE + 2.0 * FINELY * dof + ALIKE * max(least - dof, 0.0)  # as far as descents went
     order = list(CATALOGUE)
     return min(
         (pair for pair in named if pair[1].select <= limit),
