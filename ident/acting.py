@@ -13,137 +13,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ident.arm_model import Extra, Parameters, Posture, stiffness
+from ident.arm_model import Extra, Parameters, stiffness
 from ident.campaign import Array
-from ident.effects.base import Effect, Known, Motion, Swing
-from ident.excitation import synthesise
+from ident.effects.base import Effect, Motion, Swing, has_forces, overrides
 from ident.frf import Complex
-from symgen.chain import Chain
+from ident.scene import Scene, known, linear_extra
 
-#: Samples a period per line of the band: laws with kinks need more than Nyquist's two, and J(q) suffers from too few.
-OVERSAMPLED = 12
 #: Error of every equation, relative to the torque in it; and of that in which a force acts that is not known well.
 TRUST, DOUBT = 1e-4, 0.3
-#: What an effect may change besides forces and the dynamic stiffness.
-_OTHERS = ("torque_gain", "angle_gain", "posture", "shares")
-#: Aliases on either side that gains are told of: those of a motor alone fall with the third power.
-FOLDED = 8
 #: Times the forces are computed from the links that they move.
 PASSES = 2
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """One record as effects see it: m live of n joints at lines `lines` [L] of f0 [Hz], measured `tau`, `theta` [L, m].
-
-    The motion is that of the lines `beyond` the band (lines [H], tau, theta [H, m]), too: dry friction moves a joint there.
-
-    `noise` [2, m] are the rms errors of tau and theta at a line. `means` [2, n] of torques [N m] and motor angles [rad] and `posture` [n] are those of all joints. `slopes` are
-    (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by. `creeping` [n, rad/s]
-    are the mean velocities of the motors, on their way to where they rest. `chain` the declared links.
-    """
-
-    arm: Posture
-    n: int
-    lines: NDArray[np.int64]
-    f0: float
-    fs: float
-    hold: str
-    tau: Complex
-    theta: Complex
-    noise: Array
-    means: Array
-    posture: Array
-    N: Array
-    beyond: tuple[NDArray[np.int64], Complex, Complex]
-    slopes: tuple[Array, Array] | None = None
-    creeping: Array | None = None
-    chain: Chain | None = None
-    gravity: Array | None = None
-    oversampled: int = OVERSAMPLED
-
-    @cached_property
-    def wide(self) -> Scene:
-        """The same record at all lines, in their order."""
-        lines, tau, theta = self.beyond
-        whole = np.concatenate([self.lines, lines])
-        order = np.argsort(whole)
-        return replace(
-            self, lines=whole[order], tau=np.concatenate([self.tau, tau])[order],
-            theta=np.concatenate([self.theta, theta])[order], beyond=(lines[:0], tau[:0], theta[:0]),
-        )  # fmt: skip
-
-    def misread(self, errors: Mapping[int, float]) -> Scene:
-        """The record where the angles of some live joints (from 0, of those) were read too large by these means [rad]."""
-        means = self.means.copy()
-        for k, error in errors.items():
-            means[1, self.arm.live[k]] -= error
-        return replace(self, means=means)
-
-    @cached_property
-    def samples(self) -> int:
-        """Samples of a period in time, the same for the band and for all lines."""
-        last = max(self.lines[-1], self.beyond[0].max(initial=0))
-        return int(2 ** np.ceil(np.log2(self.oversampled * (last + 1))))
-
-    @cached_property
-    def s(self) -> Complex:
-        return np.asarray(2j * np.pi * self.f0 * self.lines)
-
-    def in_time(self, spectrum: Complex) -> Array:
-        """One period [S, ..] of what has these amplitudes [L, ..] at the lines."""
-        return synthesise(self.lines, spectrum, self.samples)
-
-    def at_lines(self, signal: Array) -> Complex:
-        """The amplitudes [L, ..] of one period [S, ..]."""
-        return np.asarray(np.fft.rfft(signal, axis=0)[self.lines] * (2.0 / self.samples))
-
-
-def known(scene: Scene, p: Parameters) -> Known:
-    """The arm as effects know it: J of the live joints, zero rows for the others."""
-    J = np.zeros((scene.n, scene.n))
-    J[np.ix_(scene.arm.live, scene.arm.live)] = scene.arm.J(p)
-    return Known(
-        scene.N, p.K, p.J_m, p.D, p.D_spring, J, scene.posture, scene.fs, chain=scene.chain, gravity=scene.gravity
-    )
-
-
-def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extra:
-    """Impedances and gains of `effects` at the lines."""
-    live, n, s = scene.arm.live, scene.n, scene.s
-    arm = known(scene, p)
-    both = np.concatenate([live, n + live])
-    impedances = [Z[:, both[:, None], both] for e in effects if (Z := e.impedance(s, arm)) is not None]
-    torque = [g[:, live] for e in effects if (g := e.torque_gain(s, arm)) is not None]
-    angle = [g[:, live] for e in effects if (g := e.angle_gain(s, arm)) is not None]
-    return Extra(
-        sum(impedances[1:], impedances[0]) if impedances else None,
-        np.prod(torque, axis=0) if torque else None,
-        np.prod(angle, axis=0) if angle else None,
-        folded=_folded(scene, arm, effects, [*torque, *angle]) if scene.hold == "zoh" else None,
-    )
-
-
-def _folded(scene: Scene, arm: Known, effects: Sequence[Effect], gains: Sequence[Complex]) -> Complex | None:
-    """By how much more the aliases of a held torque come through `gains` [L, m] at the line: sum of (g(s_k) / g(s) - 1) / s_k^3."""
-    if not gains:
-        return None
-    orders = np.delete(np.arange(-FOLDED, FOLDED + 1), FOLDED)
-    s = scene.s[:, None] + 2j * np.pi * scene.fs * orders
-    there = [
-        gain.reshape(*s.shape, -1)[..., scene.arm.live]
-        for e in effects
-        for gain in (e.torque_gain(s.ravel(), arm), e.angle_gain(s.ravel(), arm))
-        if gain is not None
-    ]
-    more: Complex = np.prod(there, axis=0) / np.prod(gains, axis=0)[:, None] - 1.0
-    return np.sum(more / s[..., None] ** 3, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,25 +138,6 @@ def _stiffened(scene: Scene, linear: Extra, lines: Mapping[tuple[str, int], Line
     if not lines:
         return linear
     return replace(linear, impedance=Z if linear.impedance is None else linear.impedance + Z)
-
-
-def has_forces(effect: Effect) -> bool:
-    """Whether an effect needs the motion: a law, a load, an error of the reading."""
-    return _has(effect, "force", "loads", "reading")
-
-
-def _has(effect: Effect, *hooks: str) -> bool:
-    return any(getattr(type(effect), hook) is not getattr(Effect, hook) for hook in hooks)
-
-
-def only_forces(effect: Effect) -> bool:
-    """Whether an effect changes nothing but forces and readings."""
-    return not _has(effect, "impedance", *_OTHERS)
-
-
-def only_impedance(effect: Effect) -> bool:
-    """Whether an effect changes nothing but the dynamic stiffness."""
-    return not has_forces(effect) and not _has(effect, *_OTHERS)
 
 
 def _nothing(scene: Scene) -> dict[str, Complex]:
@@ -414,7 +278,7 @@ def _second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], moved:
     m = len(live)
     pairs = np.concatenate([(x[:, :, None] * y[:, None, :]).reshape(-1, m * m) for x, y, _ in parts], axis=1)
     force = -scene.at_lines(pairs @ np.concatenate([part.reshape(m * m, m) for _, _, part in parts]))
-    giving = [e for e in effects if _has(e, "second_order")]
+    giving = [e for e in effects if overrides(e, "second_order")]
     if giving:
         whole = np.zeros((3, len(q), scene.n))
         whole[:, :, live] = q, v, a

@@ -13,24 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import (
-    Moved,
-    Scene,
-    acting,
-    forces,
-    has_forces,
-    known,
-    linear_extra,
-    linear_part,
-    moved,
-    only_forces,
-    only_impedance,
-)
+from ident.acting import Moved, acting, forces, linear_part, moved
 from ident.arm_model import Extra, Parameters, Posture, by_impedance, motion_and_derivatives, transfer
 from ident.campaign import Array
-from ident.effects.base import Effect
+from ident.effects.base import Effect, has_forces, only_forces, only_impedance
 from ident.evidence import Evidence
 from ident.frf import Complex
+from ident.scene import Scene, known, linear_extra
 from ident.smoothing import smoothed
 from ident.whitening import noise_powers, whitening
 

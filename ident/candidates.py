@@ -8,7 +8,6 @@ from itertools import product
 
 import numpy as np
 
-from ident.acting import known
 from ident.arm_fit import in_record
 from ident.campaign import Array
 from ident.effects.base import Effect, Parameter, scale
@@ -18,6 +17,7 @@ from ident.errors import IdentError
 from ident.forked import forked
 from ident.frf import Complex
 from ident.periods import Spectrum, spectrum
+from ident.scene import known
 from ident.trace import Linearised
 
 #: Orders [per revolution] at which cogging, ripple and gear errors are looked for, how many of them are scored, and tried where

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import Scene
 from ident.arm_model import Posture, Sampling
 from ident.campaign import Array, Campaign
 from ident.errors import IdentError
 from ident.frf import BINS, ORDER, ROUNDING, Frf
+from ident.scene import Scene
 from ident.whitening import Noise
 from symgen.plan import Model
 

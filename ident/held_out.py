@@ -11,12 +11,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from ident.acting import has_forces
 from ident.arm_fit import Problem, hold, residual
 from ident.campaign import Array
 from ident.departures import EDGES, loud
 from ident.diagnose import Diagnosis
-from ident.effects.base import Effect, Motion
+from ident.effects.base import Effect, Motion, has_forces
 from ident.evidence import Evidence
 from ident.frf import Complex
 from ident.refits import State, same

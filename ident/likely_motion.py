@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import Scene, linear_extra, motion_of
+from ident.acting import motion_of
 from ident.arm_model import Parameters, Sampling, response, stiffness, transfer
 from ident.campaign import Array
 from ident.effects.base import Effect, Motion
 from ident.frf import Complex
+from ident.scene import Scene, linear_extra
 from ident.whitening import Powers
 
 #: A port ("motor", "spring", "link", or the "reading") and a joint, from 0, of those that move.

@@ -13,12 +13,13 @@ from itertools import product
 
 import numpy as np
 
-from ident.acting import Moved, Scene, signals
+from ident.acting import Moved, signals
 from ident.arm_model import Parameters, Sampling
 from ident.campaign import Array
 from ident.effects.base import Effect, Law, Motion
 from ident.frf import Complex
 from ident.likely_motion import Force, Forces, Key, LikelyMotion
+from ident.scene import Scene
 from ident.whitening import Powers
 
 #: Times all forces are found from the motion under all the others.

@@ -14,12 +14,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import linear_extra, moved
+from ident.acting import moved
 from ident.arm_fit import Held, Problem, in_record, residual
 from ident.arm_model import transfer
 from ident.campaign import Array
 from ident.effects.base import Motion
 from ident.frf import Complex
+from ident.scene import linear_extra
 
 #: Ports at which one signal acts on one joint.
 PORTS = ("motor", "spring", "link", "sensor")

@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.acting import has_forces
 from ident.arm_fit import chi_squared, hold
 from ident.candidates import Candidate, bounds, catalogue, curves, units, waves
-from ident.effects.base import Effect
+from ident.effects.base import Effect, has_forces
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Learned
 from ident.parts import degrees

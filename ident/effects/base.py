@@ -362,3 +362,27 @@ class Law(PortLaw):
 
     def start(self) -> tuple[Callable[[State], Any], None]:
         return self.law, None
+
+
+#: What an effect may change besides forces and the dynamic stiffness.
+_OTHERS = ("torque_gain", "angle_gain", "posture", "shares")
+
+
+def has_forces(effect: Effect) -> bool:
+    """Whether an effect needs the motion: a law, a load, an error of the reading."""
+    return overrides(effect, "force", "loads", "reading")
+
+
+def overrides(effect: Effect, *hooks: str) -> bool:
+    """Whether an effect does anything by one of these methods."""
+    return any(getattr(type(effect), hook) is not getattr(Effect, hook) for hook in hooks)
+
+
+def only_forces(effect: Effect) -> bool:
+    """Whether an effect changes nothing but forces and readings."""
+    return not overrides(effect, "impedance", *_OTHERS)
+
+
+def only_impedance(effect: Effect) -> bool:
+    """Whether an effect changes nothing but the dynamic stiffness."""
+    return not has_forces(effect) and not overrides(effect, *_OTHERS)

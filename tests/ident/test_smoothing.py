@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ident.acting import Scene
 from ident.arm_fit import hold, residual
 from ident.arm_model import Posture
 from ident.bench import design, head, run
@@ -19,6 +18,7 @@ from ident.effects.friction import LinkCoulomb, MotorCoulomb
 from ident.effects.spring import SpringHardening
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
+from ident.scene import Scene
 from ident.smoothing import TURNS, _in_turns
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
