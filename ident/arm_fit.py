@@ -114,7 +114,7 @@ def minimise(
         begin, settled, damping = vector, False, 1e-3
         for _ in range(FEW if roughly else INNER):
             for _ in range(TRIALS):
-                step = _step(problem, slope, information, damping)
+                step = _step(problem, vector, slope, information, damping)
                 trial = np.clip(vector + problem.scale * step, problem.low, problem.high)
                 cost = chi_squared(problem, trial, held)
                 if cost <= chi2:
@@ -138,9 +138,10 @@ def minimise(
     return Minimum(vector, information, chi2, converged)
 
 
-def _step(problem: Problem, slope: Array, information: Array, damping: float) -> Array:
-    """Returns the damped step of the free parameters, no component beyond 1."""
-    free = np.flatnonzero(problem.free)
+def _step(problem: Problem, vector: Array, slope: Array, information: Array, damping: float) -> Array:
+    """Returns the damped step of the free parameters, no component beyond 1; what would leave its bounds stays there."""
+    pressed = ((vector <= problem.low) & (slope > 0.0)) | ((vector >= problem.high) & (slope < 0.0))
+    free = np.flatnonzero(problem.free & ~pressed)
     size = np.sqrt(np.diag(information)[free])
     size[size == 0.0] = 1.0
     matrix = information[np.ix_(free, free)] / size / size[:, None] + damping * np.eye(len(free))
