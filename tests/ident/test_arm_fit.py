@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from diagnosed import ROOT, campaign
 
-from ident.arm_fit import hold, residual
+from ident.arm_fit import _step, hold, residual
 from ident.coupled import declared_start, problem_of
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
@@ -49,3 +50,15 @@ def test_derivatives_by_the_arm_are_differences_whatever_acts(name: str) -> None
         ahead, behind = (residual(problem, vector + sign * step, one, kept.moved)[0] for sign in (1.0, -1.0))
         found = (ahead - behind) / (2.0 * STEP)
         assert np.abs(found - slope * problem.scale[column]).max() <= CLOSE * max(largest, 1e-6 * size.max()), column
+
+
+def test_what_is_pressed_against_its_bound_is_left_there() -> None:
+    """The others step as if it were not free: their steps together with it would lead elsewhere."""
+    problem = SimpleNamespace(low=np.array([0.0, -9.0]), high=np.array([9.0, 9.0]), free=np.array([True, True]))
+    information, slope = np.array([[2.0, 1.9], [1.9, 2.0]]), np.array([0.4, 0.3])
+    inside = _step(problem, np.array([1.0, 0.0]), slope, information, 0.0)  # type: ignore[arg-type]
+    np.testing.assert_allclose(information @ inside, -slope)
+    pressed = _step(problem, np.array([0.0, 0.0]), slope, information, 0.0)  # type: ignore[arg-type]
+    np.testing.assert_allclose(pressed, [0.0, -0.15])
+    away = _step(problem, np.array([0.0, 0.0]), -slope, information, 0.0)  # type: ignore[arg-type]
+    np.testing.assert_allclose(away, -inside)
