@@ -11,7 +11,8 @@ from ident.arm_fit import Minimum, Problem, chi_squared, hold, minimise
 from ident.arm_model import Parameters
 from ident.campaign import Array, Campaign
 from ident.coupled import DOUBTS, problem_of
-from ident.effects.base import Effect
+from ident.effects.base import Effect, Law
+from ident.effects.learned import Learned
 from ident.evidence import Evidence
 from ident.forked import forked
 from ident.parts import Split, degrees, few_lines, sampled
@@ -41,9 +42,9 @@ class Bench:
         turns: int = TURNS,
     ) -> Problem:  # fmt: skip
         problem = problem_of(self.campaign, self.model, self.basis, data, self.guess, effects, scales, limits)
-        whole = [p.whole for e in effects for p in e.parameters]
+        held = [p.whole or _drawn_again(e, effects) for e in effects for p in e.parameters]
         free = problem.free.copy()
-        free[problem.base :] = ~np.array(whole, dtype=bool) if whole else free[problem.base :]
+        free[problem.base :] = ~np.array(held, dtype=bool)
         return replace(problem, free=free, turns=turns)
 
 
@@ -74,6 +75,14 @@ class Refit:
     def of(state: State) -> Refit:
         """The same model, fitted finely."""
         return Refit(state.minimum.vector, state.effects, state.scales, state.limits)
+
+
+def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
+    """Whether a learned curve has the slope of a linear law of its port in it, too: together they could be anything."""
+    if not (isinstance(effect, Law) and effect.linear):
+        return False
+    curves = [e for e in effects if isinstance(e, Learned) and e.variable in ("position", "velocity")]
+    return any((curve.port, curve.joint) == (effect.port, effect.joint) for curve in curves)
 
 
 def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
