@@ -9,10 +9,12 @@ import pytest
 from motorbench import FILES, around_the_modes, imported, needs_records
 from scipy.io import loadmat
 
+from ident.diagnose import diagnose
 from ident.fit import two_mass
 from ident.frf import estimate
 from ident.importing import Imported
 from ident.store import read_campaign, write_campaign
+from symgen.plan import model_of_urdf
 
 pytestmark = needs_records
 
@@ -60,3 +62,14 @@ def test_the_campaign_fits_and_the_second_encoder_agrees(found: Imported, tmp_pa
         assert fit.J_l == pytest.approx(J_l, rel=0.1)
         assert fit.J_m == pytest.approx(J_m, rel=0.1)
         assert fit.f_AR == pytest.approx(frf.frequencies[np.argmin(np.abs(frf.G) * frf.frequencies**2)], rel=0.03)
+
+
+def test_what_the_bench_lacks_is_named(found: Imported) -> None:
+    """A delay of about 0.1 ms, then the load's own damping; reported on parts of the other record, which neither fitted nor chose."""
+    model = model_of_urdf(found.campaign.urdf, found.campaign.joints, believe_zeros=True)
+    d = diagnose(found.campaign, model, workers=2)
+    delay, damping = (added.effect for added in d.added[:2])
+    assert (delay.name, damping.name) == ("input-delay", "link-viscous")
+    assert delay["time"] == pytest.approx(1e-4, abs=2e-5) and 0.05 < damping["damping"] < 0.15
+    assert d.before.all > 0.1 and d.after.all < 0.065
+    assert d.status == "unexplained"
