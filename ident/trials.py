@@ -58,11 +58,18 @@ def hasty(bench: Bench, state: State, lin: Linearised, progress: Callable[[str],
         c for k, c in enumerate(catalogue(lin, state.effects, bench.workers)[:most]) if c.gain > wanted or k < most // 2
     ]
     short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
-    if not state.effects:  # a fit that is far off bends everything else: look from the declared arm, too
-        vector = bench.guess.vector()
-        declared = linearise(state.problem, vector, hold(state.problem, vector))
-        short += [(c, declared) for c in catalogue(declared, (), bench.workers)[:SURELY]]
-    return refitted(bench, state, short, progress)
+    tried = refitted(bench, state, short, progress)
+    if state.effects or any(_explains(bench, one) for one in tried):
+        return tried
+    vector = bench.guess.vector()  # a fit that is far off bends everything else: look from the declared arm, too
+    declared = linearise(state.problem, vector, hold(state.problem, vector))
+    more = [(c, declared) for c in catalogue(declared, (), bench.workers)[:SURELY]]
+    return tried + refitted(bench, state, more, progress)
+
+
+def _explains(bench: Bench, one: Tried) -> bool:
+    """Whether a name leaves nothing for anything else."""
+    return not is_curve(one) and excess(bench, one[1]) <= NAMED
 
 
 def refitted(
@@ -88,15 +95,17 @@ def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> 
 
 
 def polished(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, the best fitted finely; where none of these is near, what promised most besides (it may have been
-    far from its place), and what still falls again and again."""
+    """The candidates, the best fitted finely: those near the noise where a name is at it; where none is near, what promised
+    most besides (it may have been far from its place), and what still falls again and again."""
     near = CLOSE**2 * degrees(bench.split.select)
     named = sorted((one for one in tried if not is_curve(one)), key=_select)
     drawn = sorted((one for one in tried if is_curve(one)), key=_select)
-    best, others = named[:FINALISTS] + drawn[:1], named[FINALISTS:]
-    if named and _select(named[0]) > near:
-        surest = sorted(others, key=lambda one: -one[0].gain)[:FINALISTS]
-        best, others = best + surest, [one for one in others if one not in surest]
+    best = named[:FINALISTS] + drawn[:1]
+    if named and _explains(bench, named[0]):
+        best = [one for one in best if _select(one) <= near]
+    elif named and _select(named[0]) > near:
+        best += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
+    others = [one for one in tried if all(one is not other for other in best)]
     falling, settled = best, []
     for _ in range(1 + PATIENCE):
         new = list(all_fitted(bench, [Refit.of(state) for _, state in falling]))
@@ -108,7 +117,7 @@ def polished(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], Non
         falling = [one for one, still in zip(finer, fell, strict=True) if still]
         if not falling or min(map(_select, settled + falling)) <= near:
             break
-    found = settled + falling + others + drawn[1:]
+    found = settled + falling + others
     first = min((one for one in found if not is_curve(one)), key=_select, default=None)
     if first is not None:
         better = _reordered(bench, first[1], progress)
