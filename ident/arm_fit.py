@@ -18,6 +18,7 @@ from ident.arm_model import Extra, Parameters, Posture, by_impedance, motion_and
 from ident.campaign import Array
 from ident.effects.base import Effect, has_forces, only_forces, only_impedance
 from ident.evidence import Evidence
+from ident.forked import forked
 from ident.frf import Complex
 from ident.scene import Scene, known, linear_extra
 from ident.smoothing import smoothed
@@ -43,7 +44,8 @@ class Problem:
     The vector [P] is that of `Parameters` followed by the values of every effect; a step of `scale` [P] is a large one. `low`,
     `high` [P] bound it; `free` [P] are the parameters that may move. `posture_of` gives the arm at another posture.
     With `smooth` the forces of effects are found together with the motion that they change. `expected` are a
-    vector [P] known beforehand and the weights [P] of steps of `scale` away from it, added to chi^2.
+    vector [P] known beforehand and the weights [P] of steps of `scale` away from it, added to chi^2. `workers` processes find
+    how the arm moved.
     """
 
     data: tuple[Evidence, ...]
@@ -58,6 +60,7 @@ class Problem:
     posture_of: Callable[[Evidence, Array], Posture]
     turns: int = 0
     expected: tuple[Array, Array] | None = None
+    workers: int = 1
 
     @property
     def base(self) -> int:
@@ -161,8 +164,8 @@ class Held:
 def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
     """Weights and motions of all records, for the arm at `vector`."""
     whole, effects = problem.parameters(vector), problem.effects_at(vector)
-    found = []
-    for one in problem.data:
+
+    def held(one: Evidence) -> Held:
         p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
         powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear_extra(scene, p, effects))
@@ -174,8 +177,9 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
             powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
         W = whitening(powers, scene.theta, doubt)
         W = W if one.judged is None else W * one.judged[:, None, None]
-        found.append(Held(W, how))
-    return found
+        return Held(W, how)
+
+    return list(forked(held, problem.data, problem.workers if any(map(has_forces, effects)) else 1))
 
 
 def in_record(p: Parameters, effects: Sequence[Effect], record: int) -> Parameters:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -49,9 +50,10 @@ class Departure:
     share: float
 
 
-def errors(bench: Bench, state: State, data: Sequence[Evidence]) -> Errors:
+@lru_cache(maxsize=64)
+def errors(bench: Bench, state: State, data: tuple[Evidence, ...]) -> Errors:
     """Relative rms errors of the excited joint's angle at the excited lines of `data`."""
-    problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
+    problem = bench.problem(data, state.effects, state.scales, state.limits)
     held = hold(problem, state.minimum.vector)
     squares: list[tuple[int, Array, Array, Array]] = []
     for one, kept in zip(data, held, strict=True):

@@ -27,12 +27,14 @@ from ident.trace import linearise, port_shares
 from ident.trials import (
     ALIKE,
     CLOSE,
+    ENOUGH,
     LEAST_GAIN,
     LEAST_SHARE,
     NAMED,
     TIE,
     chosen,
     elsewhere,
+    explains,
     fully,
     hasty,
     is_curve,
@@ -52,9 +54,8 @@ CURVE_SHARE = 0.05
 BENDS, MAY_BEND = 10.0, 3.0
 #: Names tried in the place of a learned curve.
 NAMES = 6
-#: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured; below which
-#: nothing more is looked for.
-LEFT, ENOUGH = 0.03, 3e-3
+#: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured.
+LEFT = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +160,7 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
     added: list[Added] = []
     progress(f"the declared arm: chi2 {excess(bench, state):.3g} a degree of freedom")
     for _ in range(MOST_EFFECTS):
-        if not _departs(bench, state) or (added and _left(bench, start, state) < ENOUGH):
+        if (added and _left(bench, start, state) < ENOUGH) or not _departs(bench, state):
             break
         step = _round(bench, state, start.select, progress)
         if step is None:
@@ -167,18 +168,20 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         state, entry = _pruned(bench, *step, progress)
         added.append(entry)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown"]:
-            state, added = _renamed(bench, state, curve, added, progress)
+            state, added = _renamed(bench, state, curve, added, start.select, progress)
     for effect in state.effects[:-1]:  # found while others were missing
-        state = elsewhere(bench, state, effect, progress)
+        if not explains(bench, state, start.select):
+            state = elsewhere(bench, state, effect, progress)
     if added:
         added[-1] = replace(added[-1], after=errors(bench, state, bench.split.report).all)
     return state, added
 
 
 def _renamed(
-    bench: Bench, state: State, curve: Effect, added: list[Added], progress: Callable[[str], None]
+    bench: Bench, state: State, curve: Effect, added: list[Added], first: float, progress: Callable[[str], None]
 ) -> tuple[State, list[Added]]:
-    """The model with a name in a learned curve's place, if one does as well now that more is known, or leaves nothing."""
+    """The model with a name in a learned curve's place, if one does as well now that more is known, or leaves nothing;
+    `first` as in `_round`."""
     less = without(bench, state, curve)
     lin = linearise(less.problem, less.minimum.vector, hold(less.problem, less.minimum.vector))
     names = [
@@ -187,7 +190,7 @@ def _renamed(
         if (c.effect.joint, c.effect.port) == (curve.joint, curve.port)
     ]
     progress(f"without {told(curve)}: {excess(bench, less):.4g}")
-    tried = polished(bench, refitted(bench, less, [(c, lin) for c in names[:NAMES]], progress), progress)
+    tried = polished(bench, refitted(bench, less, [(c, lin) for c in names[:NAMES]], progress), first, progress)
     best = chosen(bench, tried, less.select)
     dof = degrees(bench.split.select)
     limit = max(state.select + max(LEAST_GAIN, ALIKE * (state.select - dof)), NAMED * dof)
@@ -247,7 +250,7 @@ def _departs(bench: Bench, state: State) -> bool:
 def _round(bench: Bench, state: State, first: float, progress: Callable[[str], None]) -> tuple[State, Added] | None:
     """The model with one effect more, if any earns it; `first` is chi^2 on the choosing records before any was added."""
     lin = linearise(state.problem, state.minimum.vector, hold(state.problem, state.minimum.vector))
-    tried = polished(bench, hasty(bench, state, lin, progress), progress)
+    tried = polished(bench, hasty(bench, state, lin, first, progress), first, progress)
     best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best[1].select):
         return None

@@ -45,7 +45,7 @@ class Bench:
         held = [p.whole or _drawn_again(e, effects) for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(held, dtype=bool)
-        return replace(problem, free=free, turns=turns)
+        return replace(problem, free=free, turns=turns, workers=self.workers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it)."""
+    """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it), first with `doubts`."""
 
     vector: Array
     effects: tuple[Effect, ...]
@@ -70,6 +70,7 @@ class Refit:
     limits: tuple[tuple[float, float], ...]
     outer: int = 2
     roughly: float = FINELY
+    doubts: tuple[float, ...] = ()
 
     @staticmethod
     def of(state: State) -> Refit:
@@ -99,11 +100,11 @@ def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
 
 def first(bench: Bench) -> State:
     """The arm without effects: from what is declared, at once and by detours."""
-    states = [fitted(bench, Refit(bench.guess.vector(), (), (), ()), doubts) for doubts in ((), DOUBTS)]
-    return min(states, key=lambda s: s.minimum.chi2)
+    refits = [Refit(bench.guess.vector(), (), (), (), doubts=doubts) for doubts in ((), DOUBTS)]
+    return min(all_fitted(bench, refits), key=lambda s: s.minimum.chi2)
 
 
-def fitted(bench: Bench, refit: Refit, doubts: Sequence[float] = ()) -> State:
+def fitted(bench: Bench, refit: Refit) -> State:
     hasty = refit.roughly == HASTILY
     more = (refit.effects, refit.scales, refit.limits, FEW_TURNS if hasty else TURNS)
     fit, select = bench.split.fit, bench.split.select
@@ -113,7 +114,7 @@ def fitted(bench: Bench, refit: Refit, doubts: Sequence[float] = ()) -> State:
         fit, select = (tuple(few_lines(one, FEW_LINES) for one in part) for part in (fit, select))
     problem, chosen = bench.problem(fit, *more), bench.problem(select, *more)
     try:
-        minimum = minimise(problem, refit.vector, doubts, refit.outer, refit.roughly)
+        minimum = minimise(problem, refit.vector, refit.doubts, refit.outer, refit.roughly)
         chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
     except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
         nothing = np.zeros((len(refit.vector), len(refit.vector)))

@@ -36,6 +36,8 @@ ELSEWHERE = (0.7, 0.85, 1.1, 1.2, 1.35)
 TIE, ALIKE = 12.0, 0.05
 #: How many times the noise the error of a model is that is near.
 CLOSE = 3.0
+#: Share of what was in excess without effects below which nothing more is looked for.
+ENOUGH = 3e-3
 
 
 #: A candidate as it was promised, and the model refitted with it.
@@ -50,8 +52,15 @@ def _select(one: Tried) -> float:
     return one[1].select
 
 
-def hasty(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
-    """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted."""
+def explains(bench: Bench, state: State, first: float) -> bool:
+    """Whether a model leaves nothing to look for; `first` is chi^2 on the choosing records without effects."""
+    dof = degrees(bench.split.select)
+    little = excess(bench, state) <= CLOSE and state.select - dof < ENOUGH * (first - dof)
+    return little or excess(bench, state) <= NAMED
+
+
+def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None]) -> list[Tried]:
+    """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted; `first` as in `explains`."""
     wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
     likely = [
@@ -59,17 +68,12 @@ def hasty(bench: Bench, state: State, lin: Linearised, progress: Callable[[str],
     ]
     short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
     tried = refitted(bench, state, short, progress)
-    if state.effects or any(_explains(bench, one) for one in tried):
+    if state.effects or any(not is_curve(one) and explains(bench, one[1], first) for one in tried):
         return tried
     vector = bench.guess.vector()  # a fit that is far off bends everything else: look from the declared arm, too
     declared = linearise(state.problem, vector, hold(state.problem, vector))
     more = [(c, declared) for c in catalogue(declared, (), bench.workers)[:SURELY]]
     return tried + refitted(bench, state, more, progress)
-
-
-def _explains(bench: Bench, one: Tried) -> bool:
-    """Whether a name leaves nothing for anything else."""
-    return not is_curve(one) and excess(bench, one[1]) <= NAMED
 
 
 def refitted(
@@ -94,15 +98,18 @@ def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> 
     )  # fmt: skip
 
 
-def polished(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, the best fitted finely: those near the noise where a name is at it; where none is near, what promised
-    most besides (it may have been far from its place), and what still falls again and again."""
+def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, the best fitted finely: those near the noise where a name leaves nothing, given `first` as in `explains`;
+    where none is near, what promised most besides (it may have been far from its place), and what still falls again and again.
+    """
     near = CLOSE**2 * degrees(bench.split.select)
-    named = sorted((one for one in tried if not is_curve(one)), key=_select)
+    named = _once(sorted((one for one in tried if not is_curve(one)), key=_select))
     drawn = sorted((one for one in tried if is_curve(one)), key=_select)
     best = named[:FINALISTS] + drawn[:1]
-    if named and _explains(bench, named[0]):
-        best = [one for one in best if _select(one) <= near]
+    if named and explains(bench, named[0][1], first):
+        best = [
+            one for one in best if _select(one) <= near and not (is_curve(one) and excess(bench, named[0][1]) <= NAMED)
+        ]
     elif named and _select(named[0]) > near:
         best += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
     others = [one for one in tried if all(one is not other for other in best)]
@@ -118,19 +125,28 @@ def polished(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], Non
         if not falling or min(map(_select, settled + falling)) <= near:
             break
     found = settled + falling + others
-    first = min((one for one in found if not is_curve(one)), key=_select, default=None)
-    if first is not None:
-        better = _reordered(bench, first[1], progress)
+    best_name = min((one for one in found if not is_curve(one)), key=_select, default=None)
+    if best_name is None or explains(bench, best_name[1], first):
+        return found
+    better = _reordered(bench, best_name[1], progress)
+    if not explains(bench, better, first):
         better = elsewhere(bench, better, better.effects[-1], progress)
-        found = [(one[0], better) if one is first else one for one in found]
-    return found
+    return [(one[0], better) if one is best_name else one for one in found]
+
+
+def _once(named: Sequence[Tried]) -> list[Tried]:
+    """The first of each effect at each joint."""
+    found: dict[tuple[str, int | None, str], Tried] = {}
+    for one in named:
+        found.setdefault(one[0].key, one)
+    return list(found.values())
 
 
 def _reordered(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
     """The model, or a better one whose last effect repeats itself more or less often: what was missing bent the arm from which
     its order was read."""
     effect = state.effects[-1]
-    if excess(bench, state) < NAMED or "order" not in [p.name for p in effect.parameters]:
+    if "order" not in [p.name for p in effect.parameters]:
         return state
     count = len(effect.values)
     less = bench.problem(state.problem.data, state.effects[:-1], state.scales[:-count], state.limits[:-count])
@@ -207,7 +223,7 @@ def elsewhere(bench: Bench, state: State, effect: Effect, progress: Callable[[st
     """The model, or a better one that lies where a force of `effect` is some other size: what moves so that a force
     follows has more than one way to."""
     sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None and not p.whole]
-    if excess(bench, state) < NAMED or not has_forces(effect) or effect.name == "unknown" or not sizes:
+    if not has_forces(effect) or effect.name == "unknown" or not sizes:
         return state
     place = next(k for k, e in enumerate(state.effects) if same(e, effect))
     first = state.problem.base + sum(len(e.values) for e in state.effects[:place])

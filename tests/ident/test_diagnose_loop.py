@@ -99,7 +99,7 @@ def test_a_name_takes_a_curves_place_once_it_explains_the_records() -> None:
     )
     state = fitted(bench, drawn)
     entry = replace(d.added[0], effect=state.effects[0])
-    new, (added,) = _renamed(bench, state, state.effects[0], [entry], lambda line: None)
+    new, (added,) = _renamed(bench, state, state.effects[0], [entry], state.select, lambda line: None)
     assert [e.name for e in new.effects] == [added.effect.name] == ["motor-coulomb"]
     assert added.effect.joint == by_hand.JOINT
     assert added.effect.values[0] == pytest.approx(by_hand.LEVEL, rel=0.05)
