@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.arm_fit import in_record
 from ident.campaign import Array
-from ident.effects.base import Effect, Parameter, scale
+from ident.effects.base import Effect, Parameter, only_impedance, scale
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import VARIABLES, learned, variable
 from ident.errors import IdentError
@@ -33,6 +33,8 @@ KNOTS = {"velocity": 17, "torque": 17, "deflection": 17, "position": 9, "frictio
 #: are looked for, peaks there, harmonics that a peak may be, and whole parts
 #: of a turn that are tried: one is preferred that does this share of what others do.
 HIGHEST, HARMONICS, REPEATING, PEAKS_OF_WAVES, MULTIPLES, WHOLE, AS_WELL = 30.0, 6, 3, 4, 4, 12, 0.9
+#: Factors by which stiffnesses and frequencies of an impedance are moved from the best ones tried.
+NEARER = (1.5, 1.2)
 #: Largest change from one record to the next from which a fit starts.
 CHANGE = 0.1
 #: A first-order size beyond these factors of the one tried says that another one is meant.
@@ -133,7 +135,7 @@ def _linear(lin: Linearised, effect: Effect, at: int, W: Complex) -> Complex:
         Z = np.zeros((len(s), 2 * len(live), 2 * len(live)), dtype=complex)
         Z[:, len(live) :, len(live) :] = s[:, None, None] ** 2 * dJ + dK
     if Z is not None:
-        force = -(Z @ lin.positions[at][..., None])[..., 0]
+        force = -(Z @ lin.positions[_side(kind.port)][at][..., None])[..., 0]
         for k, j in enumerate(live.tolist()):
             total = total + ports["motor", j] / scene.arm.N[k] * force[:, [k]]
             total = total + ports["link", j] * force[:, [len(live) + k]]
@@ -158,12 +160,33 @@ def catalogue(lin: Linearised, taken: Sequence[Effect], workers: int = 1) -> lis
         places += [None] if "arm" in kind.scope and lin.problem.n > 1 else []
         tasks += [(kind, joint) for joint in places if (kind.name, joint) not in there]
     lin.prepare()
-
-    def best(task: tuple[type[Effect], int | None]) -> Candidate | None:
-        return max(_scored(lin, *task), key=lambda c: c.gain, default=None)
-
-    found = [c for c in forked(best, tasks, workers) if c is not None]
+    found = [c for c in forked(lambda task: best_of(lin, *task), tasks, workers) if c is not None]
     return sorted(found, key=lambda c: -c.gain)
+
+
+def best_of(lin: Linearised, kind: type[Effect], joint: int | None) -> Candidate | None:
+    """The effect of this kind at a joint that promises most."""
+    return max(_scored(lin, kind, joint), key=lambda c: c.gain, default=None)
+
+
+def nearer(lin: Linearised, best: Candidate) -> Candidate:
+    """The candidate or, of an impedance, one like it whose stiffnesses and frequencies promise more: a mode that is moved far is
+    found from near only."""
+    kind, joint = type(best.effect), best.effect.joint
+    shapes = [k for k, p in enumerate(kind.parameters) if p.zero is None and (p.relative == "K" or p.unit == "Hz")]
+    if not only_impedance(best.effect) or not shapes:
+        return best
+    unit, names = units(lin, kind, joint), [p.name for p in kind.parameters]
+    for factor in NEARER:
+        before = 0.0
+        while best.gain > before:
+            before = best.gain
+            for k, by in product(shapes, (factor, 1.0 / factor)):
+                values = list(best.effect.values)
+                values[k] *= by
+                other = _sized(lin, kind(joint, tuple(values)), unit, names)
+                best = other if other is not None and other.gain > best.gain else best
+    return best
 
 
 def _scored(lin: Linearised, kind: type[Effect], joint: int | None) -> Iterator[Candidate]:
@@ -228,7 +251,7 @@ def _resonances(lin: Linearised, joint: int) -> tuple[float, ...]:
         a = lin.ports[at]["link", joint]
         force = np.sum(a.conj() * lin.r[at], axis=1)
         weight = np.sum(np.abs(a) ** 2, axis=1)
-        q = lin.positions[at][:, len(live) + live.index(joint)]
+        q = lin.positions["link"][at][:, len(live) + live.index(joint)]
         for f, top, bottom in zip(one.sampling.f.tolist(), q.conj() * force, np.abs(q) ** 2 * weight, strict=True):
             pushed[f] = pushed.get(f, 0j) + complex(top)
             square[f] = square.get(f, 0.0) + float(bottom)

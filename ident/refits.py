@@ -114,8 +114,9 @@ def fitted(bench: Bench, refit: Refit) -> State:
         fit, select = (tuple(few_lines(one, FEW_LINES) for one in part) for part in (fit, select))
     problem, chosen = bench.problem(fit, *more), bench.problem(select, *more)
     try:
-        minimum = minimise(problem, refit.vector, refit.doubts, refit.outer, refit.roughly)
-        chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
+        with np.errstate(all="ignore"):
+            minimum = minimise(problem, refit.vector, refit.doubts, refit.outer, refit.roughly)
+            chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
     except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
         nothing = np.zeros((len(refit.vector), len(refit.vector)))
         minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf

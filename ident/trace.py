@@ -83,14 +83,16 @@ class Linearised:
         return {port: tuple(at(port)) for port in ("motor", "spring", "link")}
 
     @cached_property
-    def positions(self) -> tuple[Complex, ...]:
-        """(theta / N, q) of the live joints at the lines of each record [L, 2m]."""
-        found = []
-        for one, motion in zip(self.problem.data, self.motions["motor"], strict=True):
-            live = one.scene.arm.live
-            signals = np.concatenate([motion.theta[:, live] / motion.N[live], motion.q[:, live]], axis=1)
-            found.append(one.scene.at_lines(signals))
-        return tuple(found)
+    def positions(self) -> dict[str, tuple[Complex, ...]]:
+        """For each port: (theta / N, q) of the live joints at the lines of each record [L, 2m], by its `motions`."""
+
+        def at(port: str) -> Iterator[Complex]:
+            for one, motion in zip(self.problem.data, self.motions[port], strict=True):
+                live = one.scene.arm.live
+                signals = np.concatenate([motion.theta[:, live] / motion.N[live], motion.q[:, live]], axis=1)
+                yield one.scene.at_lines(signals)
+
+        return {port: tuple(at(port)) for port in self.motions}
 
     @cached_property
     def ports(self) -> tuple[dict[tuple[str, int], Complex], ...]:

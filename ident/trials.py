@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arm_fit import chi_squared, hold
-from ident.candidates import Candidate, bounds, catalogue, curves, units, waves
-from ident.effects.base import Effect, has_forces
+from ident.candidates import Candidate, best_of, bounds, catalogue, curves, nearer, units, waves
+from ident.effects.base import Effect, has_forces, only_impedance
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Learned
+from ident.forked import forked
 from ident.parts import degrees
 from ident.refits import FAINTLY, FINELY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
 from ident.trace import Linearised, linearise
@@ -68,12 +69,22 @@ def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: C
     ]
     short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
     tried = refitted(bench, state, short, progress)
-    if state.effects or any(not is_curve(one) and explains(bench, one[1], first) for one in tried):
+    if state.effects:
         return tried
-    vector = bench.guess.vector()  # a fit that is far off bends everything else: look from the declared arm, too
+    name = min((one for one in tried if not is_curve(one)), key=_select, default=None)
+    found = None if name is None or not explains(bench, name[1], first) else name[0].effect
+    if found is not None and not only_impedance(found):
+        return tried
+    # a fit that is far off bends everything else, shapes of an impedance at any rate: look from the declared arm, too
+    vector = bench.guess.vector()
     declared = linearise(state.problem, vector, hold(state.problem, vector))
-    more = [(c, declared) for c in catalogue(declared, (), bench.workers)[:SURELY]]
-    return tried + refitted(bench, state, more, progress)
+    if found is None:
+        likely = catalogue(declared, (), bench.workers)[: 2 * SURELY]
+        likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
+        again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
+    else:
+        again = [c for c in [best_of(declared, type(found), found.joint)] if c is not None]
+    return tried + refitted(bench, state, [(c, declared) for c in again], progress)
 
 
 def refitted(
@@ -105,15 +116,14 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     near = CLOSE**2 * degrees(bench.split.select)
     named = _once(sorted((one for one in tried if not is_curve(one)), key=_select))
     drawn = sorted((one for one in tried if is_curve(one)), key=_select)
-    best = named[:FINALISTS] + drawn[:1]
+    finalists = named[:FINALISTS] + drawn[:1]
     if named and explains(bench, named[0][1], first):
-        best = [
-            one for one in best if _select(one) <= near and not (is_curve(one) and excess(bench, named[0][1]) <= NAMED)
-        ]
+        rivals = named[:FINALISTS] + (drawn[:1] if excess(bench, named[0][1]) > NAMED else [])
+        finalists = [one for one in rivals if _select(one) <= near]
     elif named and _select(named[0]) > near:
-        best += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
-    others = [one for one in tried if all(one is not other for other in best)]
-    falling, settled = best, []
+        finalists += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
+    others = [one for one in tried if all(one is not other for other in finalists)]
+    falling, settled = finalists, []
     for _ in range(1 + PATIENCE):
         new = list(all_fitted(bench, [Refit.of(state) for _, state in falling]))
         finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]

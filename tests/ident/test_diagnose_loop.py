@@ -9,15 +9,19 @@ import diagnosed as by_hand
 import numpy as np
 import pytest
 
+from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.campaign import Campaign
+from ident.candidates import catalogue, nearer
 from ident.coupled import declared_start
 from ident.diagnose import Diagnosis, _renamed, diagnose
 from ident.effects.catalogue import parse
 from ident.effects.learned import learned
-from ident.evidence import gravity_basis
+from ident.evidence import evidence, gravity_basis
+from ident.frf import estimate
 from ident.parts import split
 from ident.refits import HASTILY, Bench, Refit, fitted
+from ident.trace import linearise
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -103,3 +107,16 @@ def test_a_name_takes_a_curves_place_once_it_explains_the_records() -> None:
     assert [e.name for e in new.effects] == [added.effect.name] == ["motor-coulomb"]
     assert added.effect.joint == by_hand.JOINT
     assert added.effect.values[0] == pytest.approx(by_hand.LEVEL, rel=0.05)
+
+
+def test_a_base_so_soft_that_it_moves_every_mode_promises_most(model: Model) -> None:
+    """Its force is that on links which move as springs and motors tell: they do not move as the declared links would."""
+    soft = campaign("base-compliance:rock=1e5,turn=1e5,own=150,damping=2e-4")
+    basis = gravity_basis(model, soft.gravity)
+    responses = [estimate(record, soft) for record in soft.records]
+    data = tuple(evidence(soft, model, basis, frf, k, "every") for k, frf in enumerate(responses))
+    guess = declared_start(soft, model, responses, basis)
+    problem = Bench(soft, model, basis, split(data, model), guess, 1).problem(data, (), (), ())
+    lin = linearise(problem, guess.vector(), hold(problem, guess.vector()))
+    best = max((nearer(lin, one) for one in catalogue(lin, ())[:12]), key=lambda one: one.gain)
+    assert best.effect.name == "base-compliance" and best.gain > 0.5 * lin.chi2
