@@ -27,6 +27,8 @@ from ident.whitening import noise_powers, whitening
 #: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
 SMALL_STEP = 0.01
 OUTER, INNER, TRIALS, FEW = 6, 30, 8, 10
+#: Damping with which a step is promised that would be taken next, were it the last: along a valley the damped ones are short.
+SLACK = 1e-9
 #: Progress below this share of chi^2 ends the way to a model that is still doubted.
 ROUGHLY = 0.01
 #: A direction of the parameters with less information than this was not seen: its deviation is over ten times its size.
@@ -129,7 +131,9 @@ def minimise(
             damping = max(damping / 5.0, 1e-12)
             vector, moved, before = trial, float(step @ information @ step), chi2
             chi2, slope, information = normal_equations(problem, vector, held)
-            if moved < SMALL_STEP**2 or before - chi2 < max(ROUGHLY if doubt else 0.0, roughly) * before:
+            little = max(ROUGHLY if doubt else 0.0, roughly) * before
+            promised = float(-_step(problem, vector, slope, information, SLACK) @ slope)
+            if moved < SMALL_STEP**2 or max(before - chi2, promised) < little:
                 settled = True
                 break
         shift = (vector - begin) / problem.scale

@@ -20,9 +20,9 @@ from ident.periods import Spectrum, spectrum
 from ident.scene import known
 from ident.trace import Linearised
 
-#: Orders [per revolution] at which cogging, ripple and gear errors are looked for, how many of them are scored, and tried where
-#: what was found leaves something.
-ORDERS, BEST_ORDERS, MORE_ORDERS = tuple(range(1, 101)), 2, 6
+#: Orders [per revolution] at which cogging, ripple and gear errors are looked for, how many of them are scored; and orders, or
+#: records of a change, tried where what was found leaves something.
+ORDERS, BEST_ORDERS, MORE = tuple(range(1, 101)), 2, 6
 #: Share of a plausible size from which an effect that is not linear in its size is differentiated.
 SMALL = 1e-3
 #: Frequencies over the band, stiffnesses, and peaks of the residual at which something on a spring is looked for.
@@ -203,41 +203,48 @@ def _scored(lin: Linearised, kind: type[Effect], joint: int | None) -> Iterator[
             yield candidate
 
 
-def waves(lin: Linearised, effect: Effect) -> list[Candidate]:
-    """Effects like this one, that repeat themselves another number of times a turn: `MORE_ORDERS` of those that promise most."""
-    assert effect.joint is not None
+def otherwise(lin: Linearised, effect: Effect) -> list[Candidate]:
+    """Effects like this one with another whole number, an order or the record of a change: `MORE` of those that promise most."""
     kind, unit = type(effect), units(lin, type(effect), effect.joint)
     names = [p.name for p in kind.parameters]
     found = []
-    for order in _orders(lin, kind, effect.joint, MORE_ORDERS):
-        values = list(effect.values)
-        values[names.index("order")] = order
-        found.append(_sized(lin, kind(effect.joint, tuple(values)), unit, names))
-    return [c for c in found if c is not None]
+    for k, p in enumerate(kind.parameters):
+        options = _options(lin, kind, effect.joint, p, unit[k], MORE) if p.whole else ()
+        for value in options:
+            values = list(effect.values)
+            values[k] = value
+            found.append(
+                _sized(lin, kind(effect.joint, tuple(values)), unit, names) if value != effect[p.name] else None
+            )
+    return sorted((c for c in found if c is not None), key=lambda c: -c.gain)[:MORE]
 
 
 def _shapes(lin: Linearised, kind: type[Effect], joint: int | None, unit: Sequence[float]) -> Iterator[list[float]]:
     """Start values to try: the shapes' combinations, sizes at their first plausible value."""
-    options: list[tuple[float, ...]] = []
-    for p, u in zip(kind.parameters, unit, strict=True):
-        if p.name == "phase":
-            options.append((0.0,))
-        elif p.name == "order":
-            assert joint is not None
-            options.append(_orders(lin, kind, joint))
-        elif p.name == "record":
-            options.append(tuple(one.index + 1.0 for one in lin.problem.data[1:]))
-        elif p.name == "frequency":
-            top = max(float(one.sampling.f[-1]) for one in lin.problem.data)
-            grid = np.geomspace(max(p.low, 2.0), 1.2 * top, FREQUENCIES).tolist()
-            options.append((*_resonances(lin, joint or 0), *grid))
-        elif p.relative == "K" and p.zero is None:
-            options.append(tuple((u * np.geomspace(0.4 * min(p.sizes), 4.0 * max(p.sizes), STIFFNESSES)).tolist()))
-        elif p.zero is None:
-            options.append(tuple(u * size for size in p.sizes))
-        else:
-            options.append((u * p.sizes[0],) if p.linear or _one_of_two(kind) else tuple(u * x for x in p.sizes[:1]))
+    options = [_options(lin, kind, joint, p, u, BEST_ORDERS) for p, u in zip(kind.parameters, unit, strict=True)]
     yield from (list(values) for values in product(*options))
+
+
+def _options(
+    lin: Linearised, kind: type[Effect], joint: int | None, p: Parameter, unit: float, orders: int
+) -> tuple[float, ...]:
+    """Values of a parameter to try."""
+    if p.name == "phase":
+        return (0.0,)
+    if p.name == "order":
+        assert joint is not None
+        return _orders(lin, kind, joint, orders)
+    if p.name == "record":
+        return tuple(one.index + 1.0 for one in lin.problem.data[1:])
+    if p.name == "frequency":
+        top = max(float(one.sampling.f[-1]) for one in lin.problem.data)
+        grid = np.geomspace(max(p.low, 2.0), 1.2 * top, FREQUENCIES).tolist()
+        return (*_resonances(lin, joint or 0), *grid)
+    if p.relative == "K" and p.zero is None:
+        return tuple((unit * np.geomspace(0.4 * min(p.sizes), 4.0 * max(p.sizes), STIFFNESSES)).tolist())
+    if p.zero is None:
+        return tuple(unit * size for size in p.sizes)
+    return (unit * p.sizes[0],)
 
 
 def _resonances(lin: Linearised, joint: int) -> tuple[float, ...]:
@@ -267,11 +274,7 @@ def _resonances(lin: Linearised, joint: int) -> tuple[float, ...]:
     return tuple(best)
 
 
-def _one_of_two(kind: type[Effect]) -> bool:
-    return len(kind.parameters) > 1
-
-
-def _orders(lin: Linearised, kind: type[Effect], joint: int, most: int = BEST_ORDERS) -> tuple[float, ...]:
+def _orders(lin: Linearised, kind: type[Effect], joint: int, most: int) -> tuple[float, ...]:
     """The `most` orders whose waves lie best along the residual, in the records that excite the joint."""
     if "phase" not in [p.name for p in kind.parameters]:
         return (1.0,)

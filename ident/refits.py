@@ -22,8 +22,8 @@ from symgen.plan import Model
 #: Fall of chi^2 that ends a descent: of a candidate, of a finalist, of what is chosen; times that the weights of this are made
 #: anew.
 HASTILY, FINELY, FAINTLY, FULLY = 0.03, 0.002, 1e-4, 8
-#: Turns to the force of dry friction, and lines of a record, for a candidate; samples a line until one is chosen.
-FEW_TURNS, FEW_LINES, FEW_SAMPLES = 15, 250, 6
+#: Turns to the force of dry friction, lines of a record, and records about, for a candidate; samples a line until one is chosen.
+FEW_TURNS, FEW_LINES, FEW_RECORDS, FEW_SAMPLES = 15, 250, 20, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,10 @@ def fitted(bench: Bench, refit: Refit) -> State:
     if refit.roughly > FAINTLY:
         fit, select = (tuple(sampled(one, FEW_SAMPLES) for one in part) for part in (fit, select))
     if hasty:
-        fit, select = (tuple(few_lines(one, FEW_LINES) for one in part) for part in (fit, select))
+        fit, select = (
+            tuple(few_lines(one, FEW_LINES) for one in part[:: max(1, round(len(part) / FEW_RECORDS))])
+            for part in (fit, select)
+        )
     problem, chosen = bench.problem(fit, *more), bench.problem(select, *more)
     try:
         with np.errstate(all="ignore"):

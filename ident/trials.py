@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arm_fit import chi_squared, hold
-from ident.candidates import Candidate, best_of, bounds, catalogue, curves, nearer, units, waves
+from ident.candidates import Candidate, best_of, bounds, catalogue, curves, nearer, otherwise, units
 from ident.effects.base import Effect, has_forces, only_impedance
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Learned
@@ -33,6 +33,8 @@ CURVE_RATIO = 0.3
 NAMED = 1.1
 #: Sizes, of what it is, from where what forces is tried again.
 ELSEWHERE = (0.7, 0.85, 1.1, 1.2, 1.35)
+#: And stiffnesses from where an impedance that was chosen is fitted again.
+VALLEY = (0.5, 0.75, 1.35, 2.0)
 #: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
 TIE, ALIKE = 12.0, 0.05
 #: How many times the noise the error of a model is that is near.
@@ -53,10 +55,11 @@ def _select(one: Tried) -> float:
     return one[1].select
 
 
-def explains(bench: Bench, state: State, first: float) -> bool:
-    """Whether a model leaves nothing to look for; `first` is chi^2 on the choosing records without effects."""
+def explains(bench: Bench, state: State, first: float, near: float = CLOSE) -> bool:
+    """Whether a model leaves nothing to look for: less than `near` noise powers, and little of `first`, chi^2 on the choosing
+    records without effects."""
     dof = degrees(bench.split.select)
-    little = excess(bench, state) <= CLOSE and state.select - dof < ENOUGH * (first - dof)
+    little = excess(bench, state) <= near and state.select - dof < ENOUGH * (first - dof)
     return little or excess(bench, state) <= NAMED
 
 
@@ -72,7 +75,7 @@ def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: C
     if state.effects:
         return tried
     name = min((one for one in tried if not is_curve(one)), key=_select, default=None)
-    found = None if name is None or not explains(bench, name[1], first) else name[0].effect
+    found = None if name is None or not explains(bench, name[1], first, CLOSE**2) else name[0].effect
     if found is not None and not only_impedance(found):
         return tried
     # a fit that is far off bends everything else, shapes of an impedance at any rate: look from the declared arm, too
@@ -117,7 +120,7 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     named = _once(sorted((one for one in tried if not is_curve(one)), key=_select))
     drawn = sorted((one for one in tried if is_curve(one)), key=_select)
     finalists = named[:FINALISTS] + drawn[:1]
-    if named and explains(bench, named[0][1], first):
+    if named and explains(bench, named[0][1], first, CLOSE**2):
         rivals = named[:FINALISTS] + (drawn[:1] if excess(bench, named[0][1]) > NAMED else [])
         finalists = [one for one in rivals if _select(one) <= near]
     elif named and _select(named[0]) > near:
@@ -136,9 +139,9 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
             break
     found = settled + falling + others
     best_name = min((one for one in found if not is_curve(one)), key=_select, default=None)
-    if best_name is None or explains(bench, best_name[1], first):
+    if best_name is None:
         return found
-    better = _reordered(bench, best_name[1], progress)
+    better = _otherwise(bench, best_name[1], progress)
     if not explains(bench, better, first):
         better = elsewhere(bench, better, better.effects[-1], progress)
     return [(one[0], better) if one is best_name else one for one in found]
@@ -152,24 +155,24 @@ def _once(named: Sequence[Tried]) -> list[Tried]:
     return list(found.values())
 
 
-def _reordered(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
-    """The model, or a better one whose last effect repeats itself more or less often: what was missing bent the arm from which
-    its order was read."""
+def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+    """The model, or a better one whose last effect has another whole number, of turns or of a record: what was missing bent the
+    arm from which it was read."""
     effect = state.effects[-1]
-    if "order" not in [p.name for p in effect.parameters]:
+    if excess(bench, state) < NAMED or not any(p.whole for p in effect.parameters):
         return state
     count = len(effect.values)
     less = bench.problem(state.problem.data, state.effects[:-1], state.scales[:-count], state.limits[:-count])
     vector = state.minimum.vector[:-count]
     lin = linearise(less, vector, hold(less, vector))
-    others = [c for c in waves(lin, effect) if c.effect["order"] != effect["order"]]
+    others = otherwise(lin, effect)
     plain = replace(state, effects=less.effects, scales=state.scales[:-count], limits=state.limits[:-count])
     refits = [_with(bench, plain, candidate, lin) for candidate in others]
     best = min(all_fitted(bench, refits), key=lambda other: other.select, default=state)
     if best.select >= state.select:
         return state
     best = fitted(bench, Refit.of(best))
-    progress(f"  of another order, {told(best.effects[-1])}: {excess(bench, best):.4g}")
+    progress(f"  otherwise, {told(best.effects[-1])}: {excess(bench, best):.4g}")
     return best if best.select < state.select else state
 
 
@@ -205,7 +208,27 @@ def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
 
 
 def fully(bench: Bench, state: State) -> State:
-    return fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
+    """The model at its minimum: of an impedance, whose shapes may do nearly the same in more than one place, at the lowest."""
+    last, whole = state.effects[-1], replace(Refit.of(state), outer=FULLY, roughly=FAINTLY)
+    stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
+    starts = [whole]
+    if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2:
+        starts += _resized(state, last, stiffnesses, VALLEY)
+    return min(
+        all_fitted(bench, [replace(one, outer=FULLY, roughly=FAINTLY) for one in starts]), key=lambda s: s.minimum.chi2
+    )
+
+
+def _resized(state: State, effect: Effect, which: Sequence[int], factors: Sequence[float]) -> list[Refit]:
+    """The model from where these values of one of its effects are so many times as large."""
+    place = next(k for k, e in enumerate(state.effects) if same(e, effect))
+    first = state.problem.base + sum(len(e.values) for e in state.effects[:place])
+    refits = []
+    for factor in factors:
+        vector = state.minimum.vector.copy()
+        vector[[first + k for k in which]] *= factor
+        refits.append(replace(Refit.of(state), vector=np.clip(vector, state.problem.low, state.problem.high)))
+    return refits
 
 
 def since(bench: Bench, state: State) -> State:
@@ -235,18 +258,12 @@ def elsewhere(bench: Bench, state: State, effect: Effect, progress: Callable[[st
     sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None and not p.whole]
     if not has_forces(effect) or effect.name == "unknown" or not sizes:
         return state
-    place = next(k for k, e in enumerate(state.effects) if same(e, effect))
-    first = state.problem.base + sum(len(e.values) for e in state.effects[:place])
-    refits = []
-    for factor in ELSEWHERE:
-        vector = state.minimum.vector.copy()
-        vector[[first + k for k in sizes]] *= factor
-        refits.append(replace(Refit.of(state), vector=np.clip(vector, state.problem.low, state.problem.high)))
+    refits = _resized(state, effect, sizes, ELSEWHERE)
     best = min(all_fitted(bench, refits), key=lambda other: other.select)
     if best.select > state.select - max(LEAST_GAIN, 0.1 * (state.select - degrees(bench.split.select))):
         return state
     best = fully(bench, best)
-    progress(f"  elsewhere, {told(best.effects[place])}: {excess(bench, best):.4g}")
+    progress(f"  elsewhere, {told(next(e for e in best.effects if same(e, effect)))}: {excess(bench, best):.4g}")
     return best if best.select < state.select else state
 
 
