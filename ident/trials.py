@@ -209,14 +209,12 @@ def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
 
 def fully(bench: Bench, state: State) -> State:
     """The model at its minimum: of an impedance, whose shapes may do nearly the same in more than one place, at the lowest."""
-    last, whole = state.effects[-1], replace(Refit.of(state), outer=FULLY, roughly=FAINTLY)
-    stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
-    starts = [whole]
+    last = state.effects[-1]
     if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2:
-        starts += _resized(state, last, stiffnesses, VALLEY)
-    return min(
-        all_fitted(bench, [replace(one, outer=FULLY, roughly=FAINTLY) for one in starts]), key=lambda s: s.minimum.chi2
-    )
+        stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
+        starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
+        state = min(all_fitted(bench, starts), key=lambda other: other.minimum.chi2)
+    return fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
 
 
 def _resized(state: State, effect: Effect, which: Sequence[int], factors: Sequence[float]) -> list[Refit]:
