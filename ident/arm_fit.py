@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ident.acting import Moved, acting, forces, linear_part, moved
 from ident.arm_model import Extra, Parameters, Posture, by_impedance, motion_and_derivatives, transfer
 from ident.campaign import Array
-from ident.effects.base import Effect, has_forces, only_forces, only_impedance
+from ident.effects.base import Effect, Known, has_forces, only_forces, only_impedance
 from ident.evidence import Evidence
 from ident.forked import forked
 from ident.frf import Complex
@@ -45,7 +45,7 @@ class Problem:
 
     The vector [P] is that of `Parameters` followed by the values of every effect; a step of `scale` [P] is a large one. `low`,
     `high` [P] bound it; `free` [P] are the parameters that may move. `posture_of` gives the arm at another posture.
-    With `smooth` the forces of effects are found together with the motion that they change. `expected` are a
+    With `turns` the forces of effects are found together with the motion that they change. `expected` are a
     vector [P] known beforehand and the weights [P] of steps of `scale` away from it, added to chi^2. `workers` processes find
     how the arm moved.
     """
@@ -231,7 +231,8 @@ def residual(
         now = forces(scene, (effect,), how) if plain and how is not None else None
         nudged = _nudged(problem, effect, k)
         if nudged and only_impedance(effect):
-            Z = _impedances(scene, p, (effect, *(changed for _, _, changed in nudged)), use)
+            arm = known(scene, p)
+            Z = _impedances(scene, scene.s[use], [(effect, arm), *((changed, arm) for _, _, changed in nudged)])
             extra = acting(scene, p, effects, how).at(use)
             differences = -by_impedance(scene.arm, p, scene.s[use], extra, scene.theta[use] - r, Z[1:] - Z[0])
             more += [differences[..., [i]] / nudge for i, (_, nudge, _) in enumerate(nudged)]
@@ -259,18 +260,15 @@ def _nudged(problem: Problem, effect: Effect, first: int) -> list[tuple[int, flo
         size = problem.scale[first + j]
         nudge = NUDGE * float(np.clip(abs(value), 1e-2 * size, size))
         nudge = nudge if value + nudge <= problem.high[first + j] else -nudge
-        values = list(effect.values)
-        values[j] += nudge
-        found.append((first + j, nudge, effect.with_values(values)))
+        found.append((first + j, nudge, effect.with_value(j, value + nudge)))
     return found
 
 
-def _impedances(scene: Scene, p: Parameters, effects: Sequence[Effect], use: NDArray[np.bool_]) -> Complex:
-    """What each of `effects` adds to the dynamic stiffness of the live joints at the lines in `use` [k, L, 2m, 2m]."""
-    both, arm, s = np.concatenate([scene.arm.live, scene.n + scene.arm.live]), known(scene, p), scene.s[use]
+def _impedances(scene: Scene, s: Complex, cases: Sequence[tuple[Effect, Known]]) -> Complex:
+    """What an effect adds to the dynamic stiffness of the live joints of an arm, case by case, at s [L]: [k, L, 2m, 2m]."""
     nothing = np.zeros((len(s), 2 * scene.n, 2 * scene.n), dtype=complex)
-    every = [nothing if (Z := effect.impedance(s, arm)) is None else Z for effect in effects]
-    return np.array(every)[:, :, both[:, None], both]
+    every = [effect.impedance(s, arm) for effect, arm in cases]
+    return np.array([scene.of_live(nothing if Z is None else Z) for Z in every])
 
 
 def _by_impedance(
@@ -295,8 +293,7 @@ def _by_impedance(
             J[i, j] = J[j, i] = J[i, j] + step
             changed.append(replace(now, J=J))
             weights[k, 4 * m : 4 * m + arm.J_rows.shape[2]] = arm.J_rows[here, k]
-    both = np.concatenate([arm.live, scene.n + arm.live])
-    Z = np.array([effect.impedance(s, one) for one in (now, *changed)])[:, :, both[:, None], both]
+    Z = _impedances(scene, s, [(effect, one) for one in (now, *changed)])
     return by_impedance(arm, p, s, extra, theta, (Z[1:] - Z[0]) / step) @ weights[: len(changed)]
 
 

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from ident.arm_fit import in_record
-from ident.campaign import Array
 from ident.effects.base import Effect, Parameter, only_impedance, scale
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.learned import VARIABLES, learned, variable
 from ident.errors import IdentError
 from ident.forked import forked
 from ident.frf import Complex
-from ident.periods import Spectrum, spectrum
+from ident.periods import spectrum
 from ident.scene import known
 from ident.trace import Linearised
 
@@ -27,12 +25,6 @@ ORDERS, BEST_ORDERS, MORE = tuple(range(1, 101)), 2, 6
 SMALL = 1e-3
 #: Frequencies over the band, stiffnesses, and peaks of the residual at which something on a spring is looked for.
 FREQUENCIES, STIFFNESSES, PEAKS = 16, 6, 4
-#: Knots of a learned curve: many where each record covers all of it, few for a position, of which records see parts.
-KNOTS = {"velocity": 17, "torque": 17, "deflection": 17, "position": 9, "friction": 9}
-#: Highest order [per rad of the motor] of a wave of a curve that repeats itself, its harmonics; at how many places such curves
-#: are looked for, peaks there, harmonics that a peak may be, and whole parts
-#: of a turn that are tried: one is preferred that does this share of what others do.
-HIGHEST, HARMONICS, REPEATING, PEAKS_OF_WAVES, MULTIPLES, WHOLE, AS_WELL = 30.0, 6, 3, 4, 4, 12, 0.9
 #: Factors by which stiffnesses and frequencies of an impedance are moved from the best ones tried.
 NEARER = (1.5, 1.2)
 #: Largest change from one record to the next from which a fit starts.
@@ -122,13 +114,12 @@ def _linear(lin: Linearised, effect: Effect, at: int, W: Complex) -> Complex:
     one, kind = lin.problem.data[at], type(effect)
     scene, ports = one.scene, lin.ports[at]
     p = in_record(lin.problem.parameters(lin.vector), lin.problem.effects_at(lin.vector), one.index)
-    live, n, s = scene.arm.live, scene.n, scene.s
+    live, s = scene.arm.live, scene.s
     total = np.zeros_like(scene.theta)
     Z: Complex | None = None
     if kind.impedance is not Effect.impedance:
-        both = np.concatenate([live, n + live])
         whole = effect.impedance(s, known(scene, p))
-        Z = None if whole is None else whole[:, both[:, None], both]
+        Z = None if whole is None else scene.of_live(whole)
     if kind.posture is not Effect.posture:
         moved = lin.problem.posture_of(one, effect.posture(scene.posture))
         dJ, dK = moved.J(p) - scene.arm.J(p), (moved.K_rows - scene.arm.K_rows) @ p.gravity
@@ -182,9 +173,7 @@ def nearer(lin: Linearised, best: Candidate) -> Candidate:
         while best.gain > before:
             before = best.gain
             for k, by in product(shapes, (factor, 1.0 / factor)):
-                values = list(best.effect.values)
-                values[k] *= by
-                other = _sized(lin, kind(joint, tuple(values)), unit, names)
+                other = _sized(lin, best.effect.with_value(k, best.effect.values[k] * by), unit, names)
                 best = other if other is not None and other.gain > best.gain else best
     return best
 
@@ -207,15 +196,11 @@ def otherwise(lin: Linearised, effect: Effect) -> list[Candidate]:
     """Effects like this one with another whole number, an order or the record of a change: `MORE` of those that promise most."""
     kind, unit = type(effect), units(lin, type(effect), effect.joint)
     names = [p.name for p in kind.parameters]
-    found = []
-    for k, p in enumerate(kind.parameters):
-        options = _options(lin, kind, effect.joint, p, unit[k], MORE) if p.whole else ()
-        for value in options:
-            values = list(effect.values)
-            values[k] = value
-            found.append(
-                _sized(lin, kind(effect.joint, tuple(values)), unit, names) if value != effect[p.name] else None
-            )
+    found = [
+        _sized(lin, effect.with_value(k, value), unit, names)
+        for k, p in enumerate(kind.parameters) if p.whole
+        for value in _options(lin, kind, effect.joint, p, unit[k], MORE) if value != effect[p.name]
+    ]  # fmt: skip
     return sorted((c for c in found if c is not None), key=lambda c: -c.gain)[:MORE]
 
 
@@ -345,78 +330,3 @@ def _only(kind: type[Effect], values: Sequence[float], keep: int, share: float) 
 def bounds(parameter: Parameter, unit: float) -> tuple[float, float]:
     """Lowest and highest value of a parameter whose unit is `unit`."""
     return parameter.low * unit, parameter.high * unit
-
-
-def curves(lin: Linearised) -> list[Candidate]:
-    """Learned curves at every port of every joint, of every variable, and of positions that repeat, best first."""
-    found: list[Candidate | None] = []
-    waves: list[tuple[float, str, int, str, Spectrum]] = []
-    for joint in range(lin.problem.n):
-        for port in ("motor", "spring", "link"):
-            for name in VARIABLES:
-                if port == "spring" and name in ("torque", "friction"):
-                    continue  # the spring's torque is its deflection
-                found.append(_curve(lin, port, joint, name))
-                if port != "spring" and name in ("position", "friction"):
-                    highest = HIGHEST * (1.0 if port == "motor" else float(abs(lin.problem.data[0].scene.N[joint])))
-                    seen = spectrum(lin, port, port, joint, highest, dry=name == "friction")
-                    if seen is not None and seen.fall.size:
-                        waves.append((float(seen.fall.max()), port, joint, name, seen))
-    for _, port, joint, name, seen in sorted(waves, key=lambda wave: -wave[0])[:REPEATING]:
-        found.append(_repeating(lin, port, joint, name, seen))
-    return sorted((c for c in found if c is not None), key=lambda c: -c.gain)
-
-
-def _curve(lin: Linearised, port: str, joint: int, name: str) -> Candidate | None:
-    """One learned curve, knots between quantiles of what the records cover and an even spread."""
-    here = [variable(m.state(joint), port, name)[0] for m, one in zip(lin.motions[port], lin.problem.data, strict=True)
-            if joint in one.scene.arm.live]  # fmt: skip
-    if not here:
-        return None
-    x = np.concatenate(here)
-    low, high = np.quantile(x, [0.0, 1.0])
-    if not high > low:
-        return None
-    count = KNOTS["deflection" if port == "spring" and name == "position" else name]
-    spread: Array = np.quantile(x, np.linspace(0.0, 1.0, count))
-    even = np.linspace(low, high, count)
-    knots = np.sort(0.5 * (spread + even))
-    if np.any(np.diff(knots) <= 1e-9 * (high - low)):
-        knots = even
-    return _drawn(lin, learned(port, name, knots.tolist()), joint)
-
-
-def _repeating(lin: Linearised, port: str, joint: int, name: str, seen: Spectrum) -> Candidate | None:
-    """The curve of position that repeats itself and fits best: a whole part of a turn, or a peak of the spectrum is a harmonic
-    of it, if that is much better."""
-    count = 2 * HARMONICS + 1
-
-    def drawn(orders: Iterable[float]) -> Candidate | None:
-        periods = [2.0 * np.pi / order for order in orders if order >= seen.orders[0]]
-        found = (_drawn(lin, learned(port, name, (p * np.arange(count) / count).tolist(), p), joint) for p in periods)
-        return max((one for one in found if one is not None), key=lambda one: one.gain, default=None)
-
-    whole = drawn(float(k) for k in range(1, WHOLE + 1)) if port == "motor" else None
-    other = drawn(peak / k for peak in seen.peaks(PEAKS_OF_WAVES) for k in range(1, MULTIPLES + 1))
-    return whole if whole and (other is None or whole.gain > AS_WELL * other.gain) else other
-
-
-def _drawn(lin: Linearised, kind: type[Effect], joint: int) -> Candidate | None:
-    """The curve of this kind whose heights fit best to first order."""
-    count = len(kind.parameters)
-    units = [kind(joint, tuple(row)) for row in np.eye(count).tolist()]
-    columns: list[list[Complex | None]] = [[] for _ in units]
-    for one, motion, ports in zip(lin.problem.data, lin.motions[kind.port], lin.ports, strict=True):
-        if joint not in one.scene.arm.live:
-            for column in columns:
-                column.append(None)
-            continue
-        law = np.stack([np.asarray(unit.force(motion)) for unit in units], axis=1)
-        for column, force in zip(columns, one.scene.at_lines(law).T, strict=True):
-            column.append(ports[kind.port, joint] * force[:, None] if np.any(force) else None)
-    if all(part is None for column in columns for part in column):
-        return None
-    heights, gain = lin.step(columns)
-    heights = np.maximum(heights, kind.parameters[0].low)
-    size = max(float(np.abs(heights).max()), 1e-300)
-    return Candidate(kind(joint, tuple(heights.tolist())), gain, (size,) * count) if gain > 0.0 else None

@@ -50,7 +50,7 @@ class Departure:
     share: float
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=8)  # those of one diagnosis: what is kept keeps its records
 def errors(bench: Bench, state: State, data: tuple[Evidence, ...]) -> Errors:
     """Relative rms errors of the excited joint's angle at the excited lines of `data`."""
     problem = bench.problem(data, state.effects, state.scales, state.limits)

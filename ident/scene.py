@@ -80,6 +80,11 @@ class Scene:
     def s(self) -> Complex:
         return np.asarray(2j * np.pi * self.f0 * self.lines)
 
+    def of_live(self, impedance: Complex) -> Complex:
+        """The part [S, 2m, 2m] of an impedance [S, 2n, 2n] that belongs to the live joints."""
+        both = np.concatenate([self.arm.live, self.n + self.arm.live])
+        return impedance[:, both[:, None], both]
+
     def in_time(self, spectrum: Complex) -> Array:
         """One period [S, ..] of what has these amplitudes [L, ..] at the lines."""
         return synthesise(self.lines, spectrum, self.samples)
@@ -100,10 +105,9 @@ def known(scene: Scene, p: Parameters) -> Known:
 
 def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extra:
     """Impedances and gains of `effects` at the lines."""
-    live, n, s = scene.arm.live, scene.n, scene.s
+    live, s = scene.arm.live, scene.s
     arm = known(scene, p)
-    both = np.concatenate([live, n + live])
-    impedances = [Z[:, both[:, None], both] for e in effects if (Z := e.impedance(s, arm)) is not None]
+    impedances = [scene.of_live(Z) for e in effects if (Z := e.impedance(s, arm)) is not None]
     torque = [g[:, live] for e in effects if (g := e.torque_gain(s, arm)) is not None]
     angle = [g[:, live] for e in effects if (g := e.angle_gain(s, arm)) is not None]
     return Extra(

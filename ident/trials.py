@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arm_fit import chi_squared, hold
-from ident.candidates import Candidate, best_of, bounds, catalogue, curves, nearer, otherwise, units
+from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
+from ident.curves import curves
 from ident.effects.base import Effect, has_forces, only_impedance
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Learned

@@ -260,6 +260,10 @@ class Effect(ABC):
     def with_values(self, values: Sequence[float]) -> Self:
         return replace(self, values=tuple(float(v) for v in values))
 
+    def with_value(self, k: int, value: float) -> Self:
+        """The same effect but for its k-th value."""
+        return self.with_values([value if i == k else v for i, v in enumerate(self.values)])
+
     def __getitem__(self, parameter: str) -> float:
         return self.values[[p.name for p in self.parameters].index(parameter)]
 

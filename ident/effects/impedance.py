@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ident.effects.base import Array, Complex
@@ -16,41 +18,33 @@ def at_link(z: Complex, joint: int | None, n: int) -> Complex:
     return result
 
 
-def eliminated(
-    s: Complex,
-    coupling: Array,
-    inertia: Array,
-    stiffness: Array,
-    damping: Array,
-    weight: tuple[Array, Array] | None = None,
-) -> Complex:
-    """What k more coordinates, each on its own spring, do to the links: -B^T (s^2 M + s d + k + W)^-1 B, B = s^2 C + V.
+@dataclass(frozen=True, eq=False)
+class Sprung:
+    """k more coordinates, each on its own spring, that move links along: `coupling` C [k, n] and `inertia` M [k, k] in kg m2,
+    `stiffness`, `damping` [k]; `weight` (V [k, n], W [k, k]) the stiffness [N m/rad] that gravity adds, if any."""
 
-    `coupling` C [k, n] and `inertia` M [k, k] in kg m2, `stiffness`, `damping` [k]; `weight` (V [k, n], W [k, k]) the
-    stiffness [N m/rad] that gravity adds. That of C's own share in J(q), if it is new, is the caller's to add.
-    """
-    both, own = with_base(s, coupling, inertia, stiffness, damping, weight)
-    n = coupling.shape[1]
-    result = np.zeros((len(s), 2 * n, 2 * n), dtype=complex)
-    result[:, n:, n:] = -np.swapaxes(both, 1, 2) @ np.linalg.solve(own, both)
-    return result
+    coupling: Array
+    inertia: Array
+    stiffness: Array
+    damping: Array
+    weight: tuple[Array, Array] | None = None
 
+    def blocks(self, s: Complex) -> tuple[Complex, Complex]:
+        """Their dynamic stiffness with the links, B = s^2 C + V [S, k, n], and their own, s^2 M + s d + k + W [S, k, k]."""
+        V, W = self.weight or (np.zeros(self.coupling.shape), np.zeros(self.inertia.shape))
+        own = s[:, None, None] ** 2 * self.inertia + W
+        k = np.arange(len(self.inertia))
+        own[:, k, k] += s[:, None] * self.damping + self.stiffness
+        return np.asarray(s[:, None, None] ** 2 * self.coupling + V), np.asarray(own, dtype=complex)
 
-def with_base(
-    s: Complex,
-    coupling: Array,
-    inertia: Array,
-    stiffness: Array,
-    damping: Array,
-    weight: tuple[Array, Array] | None = None,
-) -> tuple[Complex, Complex]:
-    """Returns the dynamic stiffness [S, k, n] between k more coordinates and the links, and [S, k, k] of their own, of the
-    same arguments as `eliminated`."""
-    V, W = weight or (np.zeros(coupling.shape), np.zeros(inertia.shape))
-    own = s[:, None, None] ** 2 * inertia + W
-    k = np.arange(len(inertia))
-    own[:, k, k] += s[:, None] * damping + stiffness
-    return np.asarray(s[:, None, None] ** 2 * coupling + V), np.asarray(own, dtype=complex)
+    def on_links(self, s: Complex) -> Complex:
+        """What they do to the links, -B^T (s^2 M + s d + k + W)^-1 B. That of C's own share in J(q), if it is new, is the
+        caller's to add."""
+        both, own = self.blocks(s)
+        n = self.coupling.shape[1]
+        result = np.zeros((len(s), 2 * n, 2 * n), dtype=complex)
+        result[:, n:, n:] = -np.swapaxes(both, 1, 2) @ np.linalg.solve(own, both)
+        return result
 
 
 def twists(chain: Chain, q: Array) -> tuple[Array, list[tuple[Array, Array]]]:

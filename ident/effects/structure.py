@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from ident.effects.base import Array, Body, Complex, Effect, Known, Parameter, Swing
-from ident.effects.impedance import coupling, eliminated, own_inertia, twists, weighed, with_base
+from ident.effects.impedance import Sprung, coupling, own_inertia, twists, weighed
 from symgen.chain import Chain
 
 #: Retardation time [s] of a spring: its damping over its stiffness. At 30 Hz, 2e-4 s is 2 % of critical.
@@ -35,7 +35,7 @@ class LockedJointElasticity(Effect):
         C[0, i] = 0.0
         if weight is not None:
             weight[0][0, i] = 0.0
-        return eliminated(s, C, own, np.array([stiffness]), np.array([stiffness * damping]), weight)
+        return Sprung(C, own, np.array([stiffness]), np.array([stiffness * damping]), weight).on_links(s)
 
     def structure(self, body: Body) -> None:
         assert self.joint is not None
@@ -73,17 +73,17 @@ class BaseCompliance(Effect):
     def impedance(self, s: Complex, arm: Known) -> Complex | None:
         if arm.base_inertia is not None:
             n = len(arm.N)
-            return eliminated(s, *self._own(arm.base_inertia[3:, :n], arm.base_inertia[3:, n + 3 :]), None)
+            return self._sprung(arm.base_inertia[3:, :n], arm.base_inertia[3:, n + 3 :]).on_links(s)
         if arm.chain is None:
             return None
-        return eliminated(s, *self._own(*coupling(arm.chain, arm.posture, _TURNS)), self._weight(arm, arm.posture))
+        return self._sprung(*coupling(arm.chain, arm.posture, _TURNS), self._weight(arm, arm.posture)).on_links(s)
 
     def second_order(self, s: Complex, arm: Known, swing: Swing) -> Complex | None:
         """While links swing, what the base carries changes: inertia and weight push it, and what turns it pushes the links."""
         chain, q = arm.chain, arm.posture
         if chain is None:
             return None
-        both, own = with_base(s, *self._own(*coupling(chain, q, _TURNS)), self._weight(arm, q))
+        both, own = self._sprung(*coupling(chain, q, _TURNS), self._weight(arm, q)).blocks(s)
         turn = -np.linalg.solve(own, both @ swing.at_lines(swing.q)[..., None])[..., 0]
         x, v, a = (swing.in_time(s[:, None] ** order * turn) for order in range(3))
         on_base, on_links = np.zeros_like(x), np.zeros_like(swing.q)
@@ -110,10 +110,10 @@ class BaseCompliance(Effect):
     def _weight(arm: Known, q: Array) -> tuple[Array, Array] | None:
         return None if arm.chain is None or arm.gravity is None else weighed(arm.chain, q, arm.gravity, _TURNS)
 
-    def _own(self, coupled: Array, carried: Array) -> tuple[Array, Array, Array, Array]:
-        """Inertia shared with the joints, the base's own with all it carries, its stiffness and damping."""
+    def _sprung(self, coupled: Array, carried: Array, weight: tuple[Array, Array] | None = None) -> Sprung:
+        """The base's three turns, of the inertia they share with the joints and that of all that is carried."""
         k, own = self._springs()
-        return coupled, carried + np.diag(own), k, k * self["damping"]
+        return Sprung(coupled, carried + np.diag(own), k, k * self["damping"], weight)
 
     def _springs(self) -> tuple[Array, Array]:
         """Stiffness and own inertia [3] about x, y, z."""
@@ -157,7 +157,7 @@ class LinkFlexibility(Effect):
             C = _row(arm, i)[0] - (1.0 - share) * own_inertia(arm.chain, arm.posture, i, motion)
             own = C[:, [i]]
             weight = _weight(arm, i, motion, share)
-        return eliminated(s, C, own, np.array([k]), np.array([k * damping]), weight)
+        return Sprung(C, own, np.array([k]), np.array([k * damping]), weight).on_links(s)
 
     def structure(self, body: Body) -> None:
         k, share, damping, across = self.values

@@ -12,8 +12,8 @@ from outside import OUTSIDE
 
 from ident.arm_fit import hold, minimise
 from ident.bench import simulate
-from ident.candidates import curves
 from ident.coupled import declared_start, problem_of
+from ident.curves import curves
 from ident.effects.base import Effect, Law, State
 from ident.effects.learned import learned
 from ident.evidence import evidence, gravity_basis
