@@ -86,13 +86,34 @@ def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | 
     linear = linear_extra(scene, p, effects)
     if how is None:
         return linear
-    now = signals(scene, effects, how.motion)
+    on, linear = _along_lines(scene, linear, signals(scene, effects, how.motion), how)
+    if how.second is not None:
+        on["link"] += how.second[np.isin(scene.wide.lines, scene.lines)]
+    return _with_forces(linear, on)
+
+
+def differences(scene: Scene, effect: Effect, others: Sequence[Effect], how: Moved) -> list[Extra]:
+    """What each of `others`, `effect` with a changed value, does beyond `effect` in a record in which the arm moved like `how`:
+    forces, readings and the best lines through laws, as in `acting`."""
+    now, found = signals(scene, (effect,), how.motion), []
+    for other in others:
+        more = {key: signal - now[key] for key, signal in signals(scene, (other,), how.motion).items()}
+        on, linear = _along_lines(scene, Extra(), more, replace(how, found=None))
+        found.append(_with_forces(linear, on))
+    return found
+
+
+def _along_lines(
+    scene: Scene, linear: Extra, now: Mapping[tuple[str, int], Array], how: Moved
+) -> tuple[dict[str, Complex], Extra]:
+    """Forces that are `now` in time but for the best lines through them, and `linear` with these."""
     on, lines = _forces(scene, now, how), _lines(now, how)
     for (port, k), line in lines.items():
         on[port][:, k] -= line.slope * scene.at_lines(line.of)
-    linear = _stiffened(scene, linear, lines)
-    if how.second is not None:
-        on["link"] += how.second[np.isin(scene.wide.lines, scene.lines)]
+    return on, _stiffened(scene, linear, lines)
+
+
+def _with_forces(linear: Extra, on: Mapping[str, Complex]) -> Extra:
     return replace(
         linear, on_motor=on["motor"] - on["spring"], on_link=on["link"] + on["spring"], reading=on["reading"]
     )
@@ -116,7 +137,8 @@ def _lines(now: Mapping[tuple[str, int], Array], how: Moved) -> dict[tuple[str, 
     """The best lines through forces that are `now` in time, by port and live joint."""
     found = {}
     for moves, is_rate in ((how.springy, False), (how.rubbing, True)):
-        for key, x in moves.items():
+        for key in moves.keys() & now.keys():
+            x = moves[key]
             swing = x - x.mean()
             found[key] = Line(x, float(swing @ now[key]) / max(float(swing @ swing), 1e-300), is_rate)
     return found
@@ -124,6 +146,8 @@ def _lines(now: Mapping[tuple[str, int], Array], how: Moved) -> dict[tuple[str, 
 
 def _stiffened(scene: Scene, linear: Extra, lines: Mapping[tuple[str, int], Line]) -> Extra:
     """`linear` with the slopes of `lines`; a motor's position is told motor side."""
+    if not lines:
+        return linear
     m = len(scene.arm.live)
     Z = np.zeros((len(scene.lines), 2 * m, 2 * m), dtype=complex)
     for (port, k), line in lines.items():
@@ -135,8 +159,6 @@ def _stiffened(scene: Scene, linear: Extra, lines: Mapping[tuple[str, int], Line
             row[at], column[at] = -1.0, scene.arm.N[k] if port == "motor" else 1.0
         by = line.slope * (scene.s if line.is_rate else np.ones_like(scene.s))
         Z += by[:, None, None] * np.outer(row, column)
-    if not lines:
-        return linear
     return replace(linear, impedance=Z if linear.impedance is None else linear.impedance + Z)
 
 
@@ -164,11 +186,6 @@ def signals(scene: Scene, effects: Sequence[Effect], motion: Motion) -> dict[tup
                 key = (port, place[j])
                 found[key] = found.get(key, 0.0) + load * (scene.arm.N[place[j]] if port == "motor" else 1.0)
     return found
-
-
-def forces(scene: Scene, effects: Sequence[Effect], how: Moved) -> dict[str, Complex]:
-    """What `effects` do at each port, joint side, and to the "reading" [L, m], when the arm moves like this."""
-    return _forces(scene, signals(scene, effects, how.motion), how)
 
 
 def _forces(scene: Scene, now: Mapping[tuple[str, int], Array], how: Moved) -> dict[str, Complex]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import Moved, acting, forces, linear_part, moved
+from ident.acting import Moved, acting, differences, linear_part, moved
 from ident.arm_model import Extra, Parameters, Posture, by_impedance, motion_and_derivatives, transfer
 from ident.campaign import Array
 from ident.effects.base import Effect, Known, has_forces, only_forces, only_impedance
@@ -37,6 +37,8 @@ UNSEEN_INFORMATION = 1e-2
 INFORMATION_ROUNDING = 1e-13
 #: Share of itself, or of its scale, by which an effect's parameter is changed to see what it does; of itself, what its impedance depends on.
 NUDGE, IMPEDANCE_NUDGE = 1e-4, 1e-6
+#: What of `Extra` is forces and readings.
+FORCES = ("on_motor", "on_link", "reading")
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,37 +219,35 @@ def residual(
     if not derive:
         return r, slopes, np.zeros(0, dtype=np.int64)
     scene, p = problem.scene(one, effects), in_record(whole, effects, one.index)
+    columns, more = [scene.arm.columns(problem.n)], [slopes]
+    if not effects:
+        return r, slopes, columns[0]
+    arm, s, theta = known(scene, p), scene.s[use], scene.theta[use] - r
+    extra = acting(scene, p, effects, how).at(use)
+    on_motor, on_link = transfer(scene.arm, p, s, extra)
     for effect in effects:
         if effect.impedance_of and effect.joint in scene.arm.live:
-            extra = acting(scene, p, effects, how).at(use)
-            slopes -= _by_impedance(scene, p, effect, scene.theta[use] - r, extra, use)
-    columns, more = [scene.arm.columns(problem.n)], [slopes]
-    on_motor, on_link = (
-        transfer(scene.arm, p, scene.s[use], linear_extra(scene, p, effects).at(use)) if effects else (slopes, slopes)
-    )
+            slopes -= _by_impedance(scene, p, effect, theta, extra, use)
     k = problem.base
     for place, effect in enumerate(effects):
-        plain = how is not None and not how.lined and only_forces(effect)
-        now = forces(scene, (effect,), how) if plain and how is not None else None
         nudged = _nudged(problem, effect, k)
-        if nudged and only_impedance(effect):
-            arm = known(scene, p)
-            Z = _impedances(scene, scene.s[use], [(effect, arm), *((changed, arm) for _, _, changed in nudged)])
-            extra = acting(scene, p, effects, how).at(use)
-            differences = -by_impedance(scene.arm, p, scene.s[use], extra, scene.theta[use] - r, Z[1:] - Z[0])
-            more += [differences[..., [i]] / nudge for i, (_, nudge, _) in enumerate(nudged)]
-            columns += [np.array([j]) for j, _, _ in nudged]
-            nudged = []
-        for j, nudge, changed in nudged:
-            if now is None or how is None:
-                difference = run((*effects[:place], changed, *effects[place + 1 :]), False)[0] - r
-            else:
-                by = {port: (force - now[port])[use] for port, force in forces(scene, (changed,), how).items()}
-                motor, link = by["motor"] - by["spring"], by["link"] + by["spring"]
-                difference = -(on_motor @ motor[..., None] + on_link @ link[..., None])[..., 0] - by["reading"]
-            more.append((difference / nudge)[..., None])
-            columns.append(np.array([j]))
         k += len(effect.values)
+        if not nudged:
+            continue
+        places, nudges, changed = zip(*nudged, strict=True)
+        if only_impedance(effect):
+            Z = _impedances(scene, s, [(effect, arm), *((other, arm) for other in changed)])
+            moves = by_impedance(scene.arm, p, s, extra, theta, Z[1:] - Z[0])
+        elif how is not None and only_forces(effect):
+            by = [beyond.at(use) for beyond in differences(scene, effect, changed, how)]
+            motor, link, reading = (np.stack([getattr(b, name) for b in by], axis=2) for name in FORCES)
+            moves = on_motor @ motor + on_link @ link + reading
+            if by[0].impedance is not None:
+                moves += by_impedance(scene.arm, p, s, extra, theta, np.array([b.impedance for b in by]))
+        else:
+            moves = np.stack([r - run((*effects[:place], e, *effects[place + 1 :]), False)[0] for e in changed], axis=2)
+        more.append(-moves / np.array(nudges))
+        columns.append(np.array(places))
     return r, np.concatenate(more, axis=2), np.concatenate(columns)
 
 

@@ -22,23 +22,24 @@ from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.parts import Split, degrees, split, split_lines
-from ident.refits import FINELY, Bench, State, excess, first, same, without
-from ident.trace import linearise, port_shares
+from ident.refits import FINELY, Bench, State, excess, first, linearised, same, without
+from ident.trace import port_shares
 from ident.trials import (
     ALIKE,
     CLOSE,
     ENOUGH,
     LEAST_GAIN,
-    LEAST_SHARE,
     NAMED,
     TIE,
     chosen,
+    earned,
     elsewhere,
     explains,
     fully,
     hasty,
     is_curve,
     polished,
+    promising,
     refitted,
     since,
     told,
@@ -49,6 +50,8 @@ from symgen.plan import Model
 MOST_EFFECTS, MOST_OFF = 4, 6
 #: A learned curve needs this share of all that was in excess to be added.
 CURVE_SHARE = 0.05
+#: Curves at the port of a name that together do more than this share of what it did make it superfluous, if they can.
+OUTDONE = 0.5
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
 #: many times where something is left and they may.
 BENDS, MAY_BEND = 10.0, 3.0
@@ -160,13 +163,15 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
     added: list[Added] = []
     progress(f"the declared arm: chi2 {excess(bench, state):.3g} a degree of freedom")
     for _ in range(MOST_EFFECTS):
-        if (added and _left(bench, start, state) < ENOUGH) or not _departs(bench, state):
+        little = _left(bench, start, state) < ENOUGH and excess(bench, state) <= CLOSE
+        if (added and little) or not _departs(bench, state):
             break
         step = _round(bench, state, start.select, progress)
         if step is None:
             break
-        state, entry = _pruned(bench, *step, progress)
+        state, entry = step
         added.append(entry)
+        state = _pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown"]:
             state, added = _renamed(bench, state, curve, added, start.select, progress)
     for effect in state.effects[:-1]:  # found while others were missing
@@ -183,17 +188,19 @@ def _renamed(
     """The model with a name in a learned curve's place, if one does as well now that more is known, or leaves nothing;
     `first` as in `_round`."""
     less = without(bench, state, curve)
-    lin = linearise(less.problem, less.minimum.vector, hold(less.problem, less.minimum.vector))
+    lin = linearised(less.problem, less.minimum.vector)
     names = [
         c
         for c in catalogue(lin, less.effects, bench.workers)
         if (c.effect.joint, c.effect.port) == (curve.joint, curve.port)
     ]
     progress(f"without {told(curve)}: {excess(bench, less):.4g}")
-    tried = polished(bench, refitted(bench, less, [(c, lin) for c in names[:NAMES]], progress), first, progress)
-    best = chosen(bench, tried, less.select)
     dof = degrees(bench.split.select)
     limit = max(state.select + max(LEAST_GAIN, ALIKE * (state.select - dof)), NAMED * dof)
+    if excess(bench, less) <= CLOSE:
+        names = promising(bench, names, less.select - limit)
+    tried = polished(bench, refitted(bench, less, [(c, lin) for c in names[:NAMES]], progress), first, progress)
+    best = chosen(bench, tried, less.select)
     if best is None or best[1].select > limit:
         return state, added
     new = fully(bench, best[1])
@@ -249,7 +256,7 @@ def _departs(bench: Bench, state: State) -> bool:
 
 def _round(bench: Bench, state: State, first: float, progress: Callable[[str], None]) -> tuple[State, Added] | None:
     """The model with one effect more, if any earns it; `first` is chi^2 on the choosing records before any was added."""
-    lin = linearise(state.problem, state.minimum.vector, hold(state.problem, state.minimum.vector))
+    lin = linearised(state.problem, state.minimum.vector)
     tried = polished(bench, hasty(bench, state, lin, first, progress), first, progress)
     best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best[1].select):
@@ -259,8 +266,7 @@ def _round(bench: Bench, state: State, first: float, progress: Callable[[str], N
     state = less if less.select < state.select else state
     dof = degrees(bench.split.select)
     gain, before = state.select - new.select, max(state.select - dof, 1.0)
-    least = CURVE_SHARE * first if is_curve(best) else 0.0
-    if gain < max(LEAST_GAIN, LEAST_SHARE * before, least, ENOUGH * (first - dof)):
+    if not earned(bench, state, new, first) or (is_curve(best) and gain < CURVE_SHARE * first):
         return None
     others = [pair for pair in tried if pair[0].key != best[0].key and np.isfinite(pair[1].select)]
     rivals = sorted((other for _, other in others), key=lambda other: other.select)
@@ -290,16 +296,24 @@ def _error(bench: Bench, state: State) -> float:
         return float(np.inf)
 
 
-def _pruned(bench: Bench, state: State, entry: Added, progress: Callable[[str], None]) -> tuple[State, Added]:
-    """The model without those earlier effects that the new one has made superfluous."""
+def _pruned(bench: Bench, state: State, added: Sequence[Added], progress: Callable[[str], None]) -> State:
+    """The model without those earlier effects that the last one of `added` has made superfluous."""
+    last = added[-1].effect
     for old in state.effects[:-1]:
-        if entry.effect.name == "unknown" and old.name != "unknown":
+        if last.name == "unknown" and old.name != "unknown" and not _outdone(old, added):
             continue  # a curve can play any law of its variable: it takes no name away
         less = without(bench, state, old)
         if less.select < state.select + LEAST_GAIN:
             progress(f"  without {told(old)} as well: {excess(bench, less):.4g}")
             state = less
-    return state, entry
+    return state
+
+
+def _outdone(named: Effect, added: Sequence[Added]) -> bool:
+    """Whether curves at the port of a named effect do so much besides it that it is hardly the right name."""
+    gain = next(a.gain for a in added if same(a.effect, named))
+    here = [a for a in added if (a.effect.name, a.effect.port, a.effect.joint) == ("unknown", named.port, named.joint)]
+    return sum(a.gain for a in here) > OUTDONE * gain
 
 
 def _std(state: State, effect: Effect) -> tuple[float, ...]:

@@ -17,6 +17,7 @@ from ident.evidence import Evidence
 from ident.forked import forked
 from ident.parts import Split, degrees, few_lines, sampled
 from ident.smoothing import TURNS
+from ident.trace import Linearised, linearise
 from symgen.plan import Model
 
 #: Fall of chi^2 that ends a descent: of a candidate, of a finalist, of what is chosen; times that the weights of this are made
@@ -125,6 +126,12 @@ def fitted(bench: Bench, refit: Refit) -> State:
         minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
     share = degrees(bench.split.select) / degrees(select)
     return State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, chi2 * share)
+
+
+def linearised(problem: Problem, vector: Array) -> Linearised:
+    """The fit about `vector`, forces told by as many samples as a candidate's."""
+    problem = replace(problem, data=tuple(sampled(one, FEW_SAMPLES) for one in problem.data))
+    return linearise(problem, vector, hold(problem, vector))
 
 
 def without(bench: Bench, state: State, old: Effect) -> State:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ident.acting import Moved, signals
 from ident.arm_model import Parameters, Sampling
@@ -35,6 +36,14 @@ DIVERGED = 100.0
 EXPLAINED = 2.0
 #: Steps to the velocity at which a law has a force, each along a tangent as wide as this share of the velocities.
 TANGENTS, TANGENT = 12, 1e-6
+#: Share of the largest torque to which that force is found.
+MET = 1e-9
+#: Samples that are not there yet are looked at alone when they are less than this share.
+FEWER, EVERYWHERE = 0.7, slice(None)
+
+#: Friction at some k of the samples: its force [k] by the velocity [k] there.
+Where = NDArray[np.int64] | slice
+Friction = Callable[[Where], Callable[[Array], Array]]
 
 
 def smoothed(
@@ -107,12 +116,17 @@ def _sliding(
     scene, (port, k) = arm.scene, key
     joint = int(scene.arm.live[k])
     N = float(scene.arm.N[k]) if port == "motor" else 1.0
-    state = motion.state(joint)
+    state = motion.state(joint).when(np.arange(scene.samples))  # side by side in memory
     position, measured = state.at(port)
 
-    def friction(v: Array) -> Array:
-        moved = state.moved(port, position, v)
-        return np.asarray(-N * sum(law.law(moved) for law in laws), dtype=float)
+    def friction(where: Where) -> Callable[[Array], Array]:
+        here, place = state if where is EVERYWHERE else state.when(where), position[where]
+
+        def force(v: Array) -> Array:
+            moved = here.moved(port, place, v)
+            return np.asarray(-N * sum(law.law(moved) for law in laws), dtype=float)
+
+        return force
 
     v0, Y = arm.rate(key, on)
     gear = 1.0 if port == "motor" else float(scene.N[joint])
@@ -121,7 +135,7 @@ def _sliding(
     alone = scene.in_time(np.stack([v0, start.lines], axis=1))
     for times, from_measured in product(DAMPED, (True, False)):
         g = times / float(np.median(np.abs(Y)))
-        w = friction(measured) + g * measured if from_measured else g * alone[:, 0] - alone[:, 1]
+        w = friction(EVERYWHERE)(measured) + g * measured if from_measured else g * alone[:, 0] - alone[:, 1]
         force, slope = _in_turns(scene, friction, g, v0, Y, w, turns, creep)
         misfit = arm.misfit(on | {key: on[key].plus(force)})
         if misfit < least:
@@ -133,7 +147,7 @@ def _sliding(
 
 def _in_turns(
     scene: Scene,
-    friction: Callable[[Array], Array],
+    friction: Friction,
     g: float,
     v0: Complex,
     Y: Complex,
@@ -204,21 +218,28 @@ def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, 
     return Force.of(scene, best)
 
 
-def _met(friction: Callable[[Array], Array], g: float, w: Array, v: Array) -> tuple[Array, Array]:
+def _met(friction: Friction, g: float, w: Array, v: Array) -> tuple[Array, Array]:
     """Velocities [S] where friction(v) + g v = w, from `v`, and the slope of friction there; Newton's steps, kept in a bracket:
-    friction is against v."""
+    friction is against v. Only where it is not met yet are more made."""
     low, high = np.minimum(w / g, 0.0), np.maximum(w / g, 0.0)
     v = np.clip(v, low, high)
     h = TANGENT * float(np.abs(v).max() + 1e-300)
+    small = MET * float(np.abs(w).max())
     slope = np.zeros_like(w)
+    where: Where = EVERYWHERE
     for _ in range(TANGENTS):
-        f = friction(v)
-        error = f + g * v - w
-        low, high = np.where(error < 0.0, v, low), np.where(error > 0.0, v, high)
-        slope = (friction(v + h) - f) / h
-        step = v - error / np.maximum(slope + g, 1e-3 * g)
-        inside = (step > low) & (step < high)
-        v = np.where(inside, step, 0.5 * (low + high))
-        if np.max(np.abs(error)) < 1e-9 * np.max(np.abs(w)):
+        at, lowest, highest, force = v[where], low[where], high[where], friction(where)
+        f = force(at)
+        error = f + g * at - w[where]
+        low[where] = lowest = np.where(error < 0.0, at, lowest)
+        high[where] = highest = np.where(error > 0.0, at, highest)
+        slope[where] = tangent = (force(at + h) - f) / h
+        step = at - error / np.maximum(tangent + g, 1e-3 * g)
+        inside = (step > lowest) & (step < highest)
+        v[where] = np.where(inside, step, 0.5 * (lowest + highest))
+        far = np.flatnonzero(np.abs(error) >= small)
+        if not len(far):
             break
+        if len(far) < FEWER * len(w):
+            where = far if isinstance(where, slice) else where[far]
     return v, slope

@@ -15,13 +15,28 @@ from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Learned
 from ident.forked import forked
 from ident.parts import degrees
-from ident.refits import FAINTLY, FINELY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
-from ident.trace import Linearised, linearise
+from ident.refits import (
+    FAINTLY,
+    FINELY,
+    FULLY,
+    HASTILY,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    excess,
+    fitted,
+    linearised,
+    same,
+)
+from ident.trace import Linearised
 
 #: Candidates of the catalogue refitted in each round (least and most), and learned curves.
 REFITTED, CURVES = (6, 40), 2
 #: Half of them whatever they promise, as a promise is of first order; as many as make this many numbers to be fitted.
 EFFORT = 1.5e5
+#: Share of what earns a place that a candidate must promise to be tried once little is left: promises are nearly right there.
+HARDLY = 0.125
 #: Candidates taken over from the declared arm.
 SURELY = 6
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
@@ -40,8 +55,9 @@ VALLEY = (0.5, 0.75, 1.35, 2.0)
 TIE, ALIKE = 12.0, 0.05
 #: How many times the noise the error of a model is that is near.
 CLOSE = 3.0
-#: Share of what was in excess without effects below which nothing more is looked for.
-ENOUGH = 3e-3
+#: Share of what was in excess without effects below which nothing more is looked for once little is left; where much is, an
+#: effect that does less has to leave less than this share of it.
+ENOUGH, REST = 3e-3, 0.2
 
 
 #: A candidate as it was promised, and the model refitted with it.
@@ -64,15 +80,34 @@ def explains(bench: Bench, state: State, first: float, near: float = CLOSE) -> b
     return little or excess(bench, state) <= NAMED
 
 
+def earned(bench: Bench, before: State, after: State, first: float) -> bool:
+    """Whether an effect more earns its place: a share of what was left, and either of `first`, chi^2 on the choosing records
+    without effects, or nearly all that was left."""
+    dof = degrees(bench.split.select)
+    left, gain = max(before.select - dof, 1.0), before.select - after.select
+    some = gain >= max(LEAST_GAIN, LEAST_SHARE * left)
+    return some and (gain >= ENOUGH * (first - dof) or after.select - dof < REST * left)
+
+
+def promising(bench: Bench, likely: Sequence[Candidate], fall: float) -> list[Candidate]:
+    """Those of `likely` that may make chi^2 on the choosing records fall so far, once little is left."""
+    least = HARDLY * fall * degrees(bench.split.fit) / degrees(bench.split.select)
+    return [c for c in likely if c.gain > least]
+
+
 def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None]) -> list[Tried]:
     """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted; `first` as in `explains`."""
     wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
-    likely = [
-        c for k, c in enumerate(catalogue(lin, state.effects, bench.workers)[:most]) if c.gain > wanted or k < most // 2
-    ]
-    short = [(c, lin) for c in (*likely, *(c for c in curves(lin)[:CURVES] if c.gain > wanted))]
-    tried = refitted(bench, state, short, progress)
+    likely = catalogue(lin, state.effects, bench.workers)[:most]
+    if excess(bench, state) <= CLOSE:
+        likely = promising(bench, likely, LEAST_SHARE * max(state.select - degrees(bench.split.select), 1.0))
+    else:
+        likely = [c for k, c in enumerate(likely) if c.gain > wanted or k < most // 2]
+    tried = refitted(bench, state, [(c, lin) for c in likely], progress)
+    if all(excess(bench, new) > NAMED for _, new in tried):
+        drawn = [c for c in curves(lin, bench.workers)[:CURVES] if c.gain > wanted]
+        tried += refitted(bench, state, [(c, lin) for c in drawn], progress)
     if state.effects:
         return tried
     name = min((one for one in tried if not is_curve(one)), key=_select, default=None)
@@ -81,7 +116,7 @@ def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: C
         return tried
     # a fit that is far off bends everything else, shapes of an impedance at any rate: look from the declared arm, too
     vector = bench.guess.vector()
-    declared = linearise(state.problem, vector, hold(state.problem, vector))
+    declared = linearised(state.problem, vector)
     if found is None:
         likely = catalogue(declared, (), bench.workers)[: 2 * SURELY]
         likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
@@ -165,7 +200,7 @@ def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> S
     count = len(effect.values)
     less = bench.problem(state.problem.data, state.effects[:-1], state.scales[:-count], state.limits[:-count])
     vector = state.minimum.vector[:-count]
-    lin = linearise(less, vector, hold(less, vector))
+    lin = linearised(less, vector)
     others = otherwise(lin, effect)
     plain = replace(state, effects=less.effects, scales=state.scales[:-count], limits=state.limits[:-count])
     refits = [_with(bench, plain, candidate, lin) for candidate in others]
@@ -211,6 +246,8 @@ def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
 def fully(bench: Bench, state: State) -> State:
     """The model at its minimum: of an impedance, whose shapes may do nearly the same in more than one place, at the lowest."""
     last = state.effects[-1]
+    if last.name == "unknown":  # heights of a curve mean nothing by themselves
+        return fitted(bench, replace(Refit.of(state), outer=FULLY))
     if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2:
         stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]

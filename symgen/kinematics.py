@@ -83,11 +83,10 @@ def gravity_stiffness_rows(chain: Chain, q: Array, gravity: Array) -> Array:
     Exact: G is of first degree in (cos, sin) of each angle and in each displacement, so that half the difference of
     its values a quarter turn (or one metre) to either side is its derivative.
     """
-    out = np.empty((len(q), chain.n, chain.n, 10 * chain.n))
-    for k, joint in enumerate(chain.joints):
-        away = np.zeros(chain.n)
-        away[k] = np.pi / 2 if joint.type == REVOLUTE else 1.0
-        out[:, :, k] = (gravity_rows(chain, q + away, gravity) - gravity_rows(chain, q - away, gravity)) / 2
+    quarter = [np.pi / 2 if joint.type == REVOLUTE else 1.0 for joint in chain.joints]
+    away = np.array([1.0, -1.0])[:, None, None, None] * np.diag(quarter)[:, None, :]  # 2, n, 1, n
+    rows = gravity_rows(chain, (q + away).reshape(-1, chain.n), gravity).reshape(2, chain.n, len(q), chain.n, -1)
+    out: Array = np.moveaxis((rows[0] - rows[1]) / 2, 0, 2)
     return out
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -80,6 +80,11 @@ class State:
         if port == "spring":
             return self.deflection, self.deflection_rate
         return (self.q, self.q_rate) if port == "link" else (self.theta, self.omega)
+
+    def when(self, samples: Any) -> State:
+        """The same at some of the samples."""
+        arrays = {f.name: x[samples] for f in fields(self) if isinstance(x := getattr(self, f.name), np.ndarray)}
+        return replace(self, **arrays)
 
     def moved(self, port: str, position: Any, velocity: Any) -> State:
         """The same but for position and velocity at a port."""
