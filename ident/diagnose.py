@@ -15,6 +15,7 @@ from ident.arm_fit import chi_squared, hold, minimise, spectrum
 from ident.campaign import Campaign
 from ident.candidates import catalogue
 from ident.coupled import declared_start
+from ident.curves import curves
 from ident.departures import Departure, Errors, departures, errors, groups
 from ident.deviations import Deviation, deviations
 from ident.effects.base import Effect
@@ -27,6 +28,7 @@ from ident.trace import port_shares
 from ident.trials import (
     ALIKE,
     CLOSE,
+    CURVES,
     ENOUGH,
     LEAST_GAIN,
     NAMED,
@@ -171,7 +173,7 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
             break
         state, entry = step
         added.append(entry)
-        state = _pruned(bench, state, added, progress)
+        state, added = _pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown"]:
             state, added = _renamed(bench, state, curve, added, start.select, progress)
     for effect in state.effects[:-1]:  # found while others were missing
@@ -296,17 +298,37 @@ def _error(bench: Bench, state: State) -> float:
         return float(np.inf)
 
 
-def _pruned(bench: Bench, state: State, added: Sequence[Added], progress: Callable[[str], None]) -> State:
+def _pruned(
+    bench: Bench, state: State, added: list[Added], progress: Callable[[str], None]
+) -> tuple[State, list[Added]]:
     """The model without those earlier effects that the last one of `added` has made superfluous."""
     last = added[-1].effect
     for old in state.effects[:-1]:
-        if last.name == "unknown" and old.name != "unknown" and not _outdone(old, added):
+        by_curve = last.name == "unknown" and old.name != "unknown"
+        if by_curve and not _outdone(old, added):
             continue  # a curve can play any law of its variable: it takes no name away
         less = without(bench, state, old)
         if less.select < state.select + LEAST_GAIN:
             progress(f"  without {told(old)} as well: {excess(bench, less):.4g}")
             state = less
-    return state
+        elif by_curve:
+            state, added = _drawn_over(bench, state, less, old, added, progress)
+    return state, added
+
+
+def _drawn_over(
+    bench: Bench, state: State, less: State, named: Effect, added: list[Added], progress: Callable[[str], None]
+) -> tuple[State, list[Added]]:
+    """The model with a curve in a name's place, if one does as well; `less` is the one without the name."""
+    lin = linearised(less.problem, less.minimum.vector)
+    here = [c for c in curves(lin, bench.workers) if (c.effect.port, c.effect.joint) == (named.port, named.joint)]
+    tried = refitted(bench, less, [(c, lin) for c in here[:CURVES]], progress)
+    if not tried:
+        return state, added
+    best = fully(bench, min(tried, key=lambda one: one[1].select)[1])
+    if best.select > state.select + max(LEAST_GAIN, ALIKE * (state.select - degrees(bench.split.select))):
+        return state, added
+    return best, [replace(a, effect=best.effects[-1]) if same(a.effect, named) else a for a in added]
 
 
 def _outdone(named: Effect, added: Sequence[Added]) -> bool:

@@ -6,19 +6,25 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import diagnosed
 import numpy as np
 import pytest
 from outside import OUTSIDE
 
-from ident.arm_fit import hold, minimise
+from ident.arm_fit import hold
 from ident.bench import simulate
-from ident.coupled import declared_start, problem_of
+from ident.coupled import declared_start
 from ident.curves import curves
+from ident.diagnose import _pruned
 from ident.effects.base import Effect, Law, State
+from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import learned
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
+from ident.parts import Split
 from ident.periods import spectrum
+from ident.refits import Bench, Refit, first, fitted
+from ident.refits import State as Fitted
 from ident.trace import Linearised, linearise
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
@@ -69,8 +75,8 @@ def test_friction_by_position_is_against_the_motion_and_gives_nothing_back() -> 
 
 
 @cache
-def left(name: str, *values: float) -> Linearised:
-    """What the declared arm leaves of short records with an effect that is in no catalogue."""
+def bench(name: str, *values: float) -> Bench:
+    """Short records with an effect that is in no catalogue, the same to fit, choose and report."""
     chain = chain_of_robot(SHORT)
     rest = np.array(plan_of_robot(SHORT).cells[0].q)
     cells = []
@@ -83,10 +89,14 @@ def left(name: str, *values: float) -> Linearised:
     basis = gravity_basis(model, c.gravity)
     responses = tuple(estimate(record, c) for record in c.records)
     data = tuple(evidence(c, model, basis, frf, k, "every") for k, frf in enumerate(responses))
-    start = declared_start(c, model, responses, basis)
-    problem = problem_of(c, model, basis, data, start)
-    found = minimise(problem, start.vector(), (), 2, roughly=0.01)
-    return linearise(problem, found.vector, hold(problem, found.vector))
+    return Bench(c, model, basis, Split(data, data, data, ""), declared_start(c, model, responses, basis), 1)
+
+
+@cache
+def left(name: str, *values: float) -> Linearised:
+    """What the declared arm leaves of such records."""
+    found = first(bench(name, *values))
+    return linearise(found.problem, found.minimum.vector, hold(found.problem, found.minimum.vector))
 
 
 def test_a_spectrum_is_what_each_wave_explains() -> None:
@@ -117,3 +127,26 @@ def test_a_law_that_comes_back_is_found_with_its_period(name: str, values: tuple
     assert (
         times == pytest.approx(round(times), rel=1e-3) and 1 <= round(times) <= 3
     )  # so often, within a turn of the motor
+
+
+def test_a_name_that_curves_outdo_is_drawn_as_a_curve() -> None:
+    """The strongest wave of a law of the position is no torque ripple: most of the law is left for a curve beside it."""
+    tools = bench("detent", 2e-3, TEETH, 0.4)
+    start = first(tools)
+
+    def added(state: Fitted, effect: Effect) -> Fitted:
+        size = max(map(abs, effect.values))
+        more = (*state.effects, effect), (*state.scales, *(size,) * len(effect.values))
+        limits = (*state.limits, *((-np.inf, np.inf),) * len(effect.values))
+        return fitted(tools, Refit(np.concatenate([state.minimum.vector, effect.values]), *more, limits))
+
+    named = added(start, CATALOGUE["torque-ripple"](JOINT, (1e-4, 2.0 * TEETH, 0.0)))
+    lin = linearise(named.problem, named.minimum.vector, hold(named.problem, named.minimum.vector))
+    both = added(named, curves(lin)[0].effect)
+    gains = (start.select - named.select, named.select - both.select)
+    entry = diagnosed.diagnosis().added[0]
+    entries = [replace(entry, effect=e, gain=gain) for e, gain in zip(both.effects, gains, strict=True)]
+    found, left_over = _pruned(tools, both, entries, lambda line: None)
+    assert {e.name for e in found.effects} == {"unknown"}
+    assert all(any(type(a.effect) is type(e) for a in left_over) for e in found.effects)
+    assert found.select < both.select + 100.0
