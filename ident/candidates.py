@@ -167,13 +167,13 @@ def nearer(lin: Linearised, best: Candidate) -> Candidate:
     shapes = [k for k, p in enumerate(kind.parameters) if p.zero is None and (p.relative == "K" or p.unit == "Hz")]
     if not only_impedance(best.effect) or not shapes:
         return best
-    unit, names = units(lin, kind, joint), [p.name for p in kind.parameters]
+    unit = units(lin, kind, joint)
     for factor in NEARER:
         before = 0.0
         while best.gain > before:
             before = best.gain
             for k, by in product(shapes, (factor, 1.0 / factor)):
-                other = _sized(lin, best.effect.with_value(k, best.effect.values[k] * by), unit, names)
+                other = _possible(lin, best.effect.with_value(k, best.effect.values[k] * by), unit)
                 best = other if other is not None and other.gain > best.gain else best
     return best
 
@@ -181,23 +181,25 @@ def nearer(lin: Linearised, best: Candidate) -> Candidate:
 def _scored(lin: Linearised, kind: type[Effect], joint: int | None) -> Iterator[Candidate]:
     """One kind at one joint, for every combination of its plausible shapes."""
     unit = units(lin, kind, joint)
-    names = [p.name for p in kind.parameters]
     for values in _shapes(lin, kind, joint, unit):
-        try:
-            effect = kind(joint, tuple(values))
-            candidate = _sized(lin, effect, unit, names)
-        except (ArithmeticError, IdentError, np.linalg.LinAlgError, ValueError):
-            continue
+        candidate = _possible(lin, kind(joint, tuple(values)), unit)
         if candidate is not None:
             yield candidate
+
+
+def _possible(lin: Linearised, effect: Effect, unit: Sequence[float]) -> Candidate | None:
+    """The effect, those of its values that are linear as they fit best; None where that is no arm."""
+    try:
+        return _sized(lin, effect, unit, [p.name for p in effect.parameters])
+    except (ArithmeticError, IdentError, np.linalg.LinAlgError, ValueError):
+        return None
 
 
 def otherwise(lin: Linearised, effect: Effect) -> list[Candidate]:
     """Effects like this one with another whole number, an order or the record of a change: `MORE` of those that promise most."""
     kind, unit = type(effect), units(lin, type(effect), effect.joint)
-    names = [p.name for p in kind.parameters]
     found = [
-        _sized(lin, effect.with_value(k, value), unit, names)
+        _possible(lin, effect.with_value(k, value), unit)
         for k, p in enumerate(kind.parameters) if p.whole
         for value in _options(lin, kind, effect.joint, p, unit[k], MORE) if value != effect[p.name]
     ]  # fmt: skip

@@ -33,6 +33,7 @@ from ident.trials import (
     LEAST_GAIN,
     NAMED,
     TIE,
+    afresh,
     chosen,
     earned,
     elsewhere,
@@ -110,6 +111,11 @@ class Diagnosis:
     departures: tuple[Departure, ...]
     status: str
 
+    @property
+    def left(self) -> float:
+        """chi^2 per degree of freedom on the choosing records."""
+        return self.end.select / max(degrees(self.split.select), 1)
+
 
 def diagnose(
     campaign: Campaign, model: Model, *, workers: int = 1, progress: Callable[[str], None] = lambda line: None
@@ -119,14 +125,7 @@ def diagnose(
     Candidates are tried by `workers` processes; the result does not depend on how many.
     Raises IdentError for a campaign without usable records.
     """
-    if not campaign.records:
-        raise IdentError("the campaign holds no records; expected at least one")
-    responses = tuple(estimate(record, campaign) for record in campaign.records)
-    basis = gravity_basis(model, campaign.gravity)
-    data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
-    guess = declared_start(campaign, model, responses, basis)
-    bench = Bench(campaign, model, basis, split(data, model), guess, workers)
-    start = first(bench)
+    responses, data, bench, start = _begun(campaign, model, workers)
     if not bench.split.note and _bends(bench, start, BENDS):
         bench, start = _by_lines(bench, data, progress)
     state, added = _loop(bench, start, progress)
@@ -144,6 +143,26 @@ def diagnose(
         before = errors(bench, off[0].without, bench.split.report) if not final else before
     status = "unexplained" if left else "effect-found" if final or off else "explained"
     return Diagnosis(campaign, model, responses, bench.split, start, state, final, off, before, after, left, status)
+
+
+def departs_alone(campaign: Campaign, model: Model, workers: int = 1) -> bool:
+    """Whether anything but noise is left of the records by the arm `model` without effects; raises like `diagnose`."""
+    *_, bench, start = _begun(campaign, model, workers)
+    return _departs(bench, start)
+
+
+def _begun(
+    campaign: Campaign, model: Model, workers: int
+) -> tuple[tuple[Frf, ...], tuple[Evidence, ...], Bench, State]:
+    """Responses and evidence of all records, and the arm without effects."""
+    if not campaign.records:
+        raise IdentError("the campaign holds no records; expected at least one")
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    basis = gravity_basis(model, campaign.gravity)
+    data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
+    guess = declared_start(campaign, model, responses, basis)
+    bench = Bench(campaign, model, basis, split(data, model), guess, workers)
+    return responses, data, bench, first(bench)
 
 
 def _bends(bench: Bench, state: State, times: float) -> bool:
@@ -176,6 +195,8 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         state, added = _pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown"]:
             state, added = _renamed(bench, state, curve, added, start.select, progress)
+    if added and excess(bench, state) > NAMED:
+        state = afresh(bench, state, progress)
     for effect in state.effects[:-1]:  # found while others were missing
         if not explains(bench, state, start.select):
             state = elsewhere(bench, state, effect, progress)

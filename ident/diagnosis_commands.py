@@ -17,7 +17,6 @@ from ident.errors import IdentError
 if TYPE_CHECKING:
     from ident.campaign import Campaign
     from ident.diagnose import Diagnosis
-    from symgen.plan import Model
 
 #: Processes that try candidates, at most: each needs a few hundred MB.
 WORKERS = min(os.cpu_count() or 1, 8)
@@ -71,9 +70,9 @@ def _diagnose(options: argparse.Namespace) -> int:
 def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     """Diagnoses and writes everything; the verdict."""
     from ident.baseline import declared_by
-    from ident.diagnose import diagnose
     from ident.diagnosis_json import FILE, result_document, verdict_document, write
     from ident.diagnosis_report import html
+    from ident.either_model import diagnose_either
     from ident.plain import replace_file
     from ident.store import read_campaign
 
@@ -82,11 +81,9 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     notes: tuple[str, ...] = ()
     if options.baseline is not None:
         earlier = read_campaign(options.baseline)
-        campaign, notes = declared_by(
-            diagnose(earlier, _model(earlier, options)[0], workers=WORKERS, progress=say), campaign
-        )
-    model, more = _model(campaign, options)
-    found = diagnose(campaign, model, workers=WORKERS, progress=say)
+        known, _ = diagnose_either(earlier, options.believe_zeros, workers=WORKERS, progress=say)
+        campaign, notes = declared_by(known, campaign)
+    found, more = diagnose_either(campaign, options.believe_zeros, workers=WORKERS, progress=say)
     out = Path(options.out)
     document = verdict_document(found, options.campaign, (*notes, *more))
     page = html(found, document)
@@ -110,15 +107,6 @@ def _joined(paths: Sequence[str]) -> Campaign:
             )
         records += [replace(record, id=f"{Path(path).stem}/{record.id}") for record in other.records]
     return replace(first, records=tuple(records))
-
-
-def _model(campaign: Campaign, options: argparse.Namespace) -> tuple[Model, tuple[str, ...]]:
-    """The declared arm with the constants that the records show, and a note where zeros had to be believed for that."""
-    from ident.campaign_model import model_of_campaign
-    from ident.frf import estimate
-
-    responses = [estimate(record, campaign) for record in campaign.records]
-    return model_of_campaign(campaign, responses, options.believe_zeros, "coupled")
 
 
 def _write_robot(d: Diagnosis, out: Path) -> None:

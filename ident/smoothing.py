@@ -8,11 +8,14 @@ which changes the motion that it is of, is found with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from numpy.linalg import norm
 from numpy.typing import NDArray
+from scipy.optimize import NoConvergence, anderson
 
 from ident.acting import Moved, signals
 from ident.arm_model import Parameters, Sampling
@@ -28,8 +31,10 @@ SWEEPS = 3
 #: They agree when they change by less than this share.
 SAME = 1e-4
 #: Steps towards a force that follows from a position; towards one that stops what moves it, the change that ends them, and
-#: resistances [of the median one of the port] that damp them, tried by turns.
-STEPS, TURNS, SETTLED, DAMPED = 20, 60, 1e-4, (0.5, 2.0, 0.125)
+#: resistances [of the median one of the port] that damp them, tried by turns; behind a spring this share of them.
+STEPS, TURNS, SETTLED, DAMPED, BEHIND = 20, 60, 1e-4, (0.5, 2.0, 0.125), 0.25
+#: Turns that are mixed, the change that ends them; times that the best line is found from which they start.
+MEMORY, SLID, BALANCES = 8, 1e-5, 3
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
 #: chi^2 per degree of freedom below which no other force is looked for.
@@ -111,7 +116,8 @@ def _sliding(
 
     Friction f(v) = w - g v and what moves the port, v = v0 - Y f, are met in turns (J. Douglas, H. H. Rachford, Trans. AMS 82
     (1956), DOI 10.1090/S0002-9947-1956-0084194-4; P.-L. Lions, B. Mercier, SIAM J. Numer. Anal. 16 (1979), DOI
-    10.1137/0716071): it converges for any friction that grows with speed at any port that gives back no more than it got.
+    10.1137/0716071): it converges for any friction that grows with speed at any port that gives back no more than it got,
+    slowly where a joint slides; so the turns are mixed (D. G. Anderson, J. ACM 12 (1965), DOI 10.1145/321296.321305).
     """
     scene, (port, k) = arm.scene, key
     joint = int(scene.arm.live[k])
@@ -133,10 +139,11 @@ def _sliding(
     creep = 0.0 if scene.creeping is None else float(scene.creeping[joint]) / gear
     best, least = start, np.inf
     alone = scene.in_time(np.stack([v0, start.lines], axis=1))
-    for times, from_measured in product(DAMPED, (True, False)):
-        g = times / float(np.median(np.abs(Y)))
-        w = friction(EVERYWHERE)(measured) + g * measured if from_measured else g * alone[:, 0] - alone[:, 1]
-        force, slope = _in_turns(scene, friction, g, v0, Y, w, turns, creep)
+    likely = (measured, _balanced(scene, friction(EVERYWHERE), v0, Y))
+    for times, is_likely in product(DAMPED, (True, False)):
+        g = times * (BEHIND if port == "link" else 1.0) / float(np.median(np.abs(Y)))
+        starts = [friction(EVERYWHERE)(v) + g * v for v in likely] if is_likely else [g * alone[:, 0] - alone[:, 1]]
+        force, slope = _in_turns(scene, friction, g, v0, Y, starts, turns, creep)
         misfit = arm.misfit(on | {key: on[key].plus(force)})
         if misfit < least:
             best, least = force, misfit
@@ -145,17 +152,28 @@ def _sliding(
     return best
 
 
+def _balanced(scene: Scene, friction: Callable[[Array], Array], v0: Complex, Y: Complex) -> Array:
+    """The velocity [S] v = v0 - Y friction(v), the best line through friction and velocity in friction's place: right for a
+    joint that sticks."""
+    v = scene.in_time(v0[:, None])[:, 0]
+    for _ in range(BALANCES):
+        slope = float(friction(v) @ v) / max(float(v @ v), 1e-300)
+        v = scene.in_time((v0 / (1.0 + Y * slope))[:, None])[:, 0]
+    return v
+
+
 def _in_turns(
     scene: Scene,
     friction: Friction,
     g: float,
     v0: Complex,
     Y: Complex,
-    w: Array,
+    starts: Sequence[Array],
     turns: int,
     mean_rate: float = 0.0,
 ) -> tuple[Force, Array]:
-    """The force of `friction` where v = v0 - Y friction(v), from w = friction(v) + g v; and the slope of friction [S] there.
+    """The force of `friction` where v = v0 - Y friction(v), from the w = friction(v) + g v of `starts` that a turn changes
+    least; and the slope of friction [S] there.
 
     Friction has harmonics beyond the lines; there the port is what it is at the last line, a mass.
     """
@@ -165,8 +183,11 @@ def _in_turns(
     alone, gives = np.zeros((2, len(harmonics)), dtype=complex)
     alone[scene.lines], gives[scene.lines] = v0 * (S / 2), Y
     gives[beyond] = Y[-1] * scene.lines[-1] / harmonics[beyond]
-    v, slope, force = w / g, np.zeros_like(w), np.zeros_like(alone)
-    for _ in range(turns):
+    v, slope, force = starts[0] / g, np.zeros(S), np.zeros_like(alone)
+
+    def turn(w: Array) -> Array:
+        """By how much w changes."""
+        nonlocal v, slope, force
         v, slope = _met(friction, g, w, v)
         f = w - g * v
         left = np.fft.rfft(f - g * v)
@@ -174,9 +195,13 @@ def _in_turns(
         force = left + g * v_lines
         force[0] = f.sum()
         v_lines[0] = S * mean_rate  # a constant torque moves nothing for ever: what is needed is there
-        before, w = w, np.fft.irfft(force + g * v_lines, S)
-        if np.std(w - before) < SETTLED * np.std(w):
-            break
+        return np.asarray(np.fft.irfft(force + g * v_lines, S) - w)
+
+    turned = [(turn(w), w) for w in starts]
+    change, w = min(turned, key=lambda one: norm(one[0]) / (norm(one[0] + one[1]) + 1e-300))
+    w = w + change
+    with suppress(NoConvergence):
+        anderson(turn, w, M=MEMORY, alpha=1.0, line_search=None, maxiter=turns, f_tol=SLID * norm(w), tol_norm=norm)
     return Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S), slope
 
 

@@ -37,8 +37,8 @@ REFITTED, CURVES = (6, 40), 2
 EFFORT = 1.5e5
 #: Share of what earns a place that a candidate must promise to be tried once little is left: promises are nearly right there.
 HARDLY = 0.125
-#: Candidates taken over from the declared arm.
-SURELY = 6
+#: Candidates taken over from the declared arm; chi^2 per degree of freedom above which the fitted one is bent very far.
+SURELY, BENT = 6, 100.0
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
 FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
@@ -96,7 +96,33 @@ def promising(bench: Bench, likely: Sequence[Candidate], fall: float) -> list[Ca
 
 
 def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None]) -> list[Tried]:
-    """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted; `first` as in `explains`."""
+    """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted; `first` as in `explains`.
+
+    The first effect is looked for from the declared arm, too: a fit that is far off bends everything else, shapes of an
+    impedance at any rate. Where it is very far that comes first, and is all if a name then explains the records.
+    """
+    if state.effects:
+        return _from_fitted(bench, state, lin, progress)
+    if excess(bench, state) > BENT:
+        declared = _from_declared(bench, state, None, progress)
+        if _explaining(bench, declared, first) is not None:
+            return declared
+        return declared + _from_fitted(bench, state, lin, progress)
+    tried = _from_fitted(bench, state, lin, progress)
+    found = _explaining(bench, tried, first)
+    if found is None or only_impedance(found):
+        tried += _from_declared(bench, state, found, progress)
+    return tried
+
+
+def _explaining(bench: Bench, tried: Sequence[Tried], first: float) -> Effect | None:
+    """The effect of the best name, if it explains the records."""
+    name = min((one for one in tried if not is_curve(one)), key=_select, default=None)
+    return None if name is None or not explains(bench, name[1], first, CLOSE**2) else name[0].effect
+
+
+def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+    """The likeliest names beyond a model, and the likeliest curves where no name explains the records."""
     wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
     likely = catalogue(lin, state.effects, bench.workers)[:most]
@@ -108,22 +134,19 @@ def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: C
     if all(excess(bench, new) > NAMED for _, new in tried):
         drawn = [c for c in curves(lin, bench.workers)[:CURVES] if c.gain > wanted]
         tried += refitted(bench, state, [(c, lin) for c in drawn], progress)
-    if state.effects:
-        return tried
-    name = min((one for one in tried if not is_curve(one)), key=_select, default=None)
-    found = None if name is None or not explains(bench, name[1], first, CLOSE**2) else name[0].effect
-    if found is not None and not only_impedance(found):
-        return tried
-    # a fit that is far off bends everything else, shapes of an impedance at any rate: look from the declared arm, too
-    vector = bench.guess.vector()
-    declared = linearised(state.problem, vector)
-    if found is None:
+    return tried
+
+
+def _from_declared(bench: Bench, state: State, found: Effect | None, progress: Callable[[str], None]) -> list[Tried]:
+    """The likeliest names beyond the declared arm, or the effect that was `found` already."""
+    declared = linearised(state.problem, bench.guess.vector())
+    if found is not None:
+        again = [c for c in [best_of(declared, type(found), found.joint)] if c is not None]
+    else:
         likely = catalogue(declared, (), bench.workers)[: 2 * SURELY]
         likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
-    else:
-        again = [c for c in [best_of(declared, type(found), found.joint)] if c is not None]
-    return tried + refitted(bench, state, [(c, declared) for c in again], progress)
+    return refitted(bench, state, [(c, declared) for c in again], progress)
 
 
 def refitted(
@@ -253,6 +276,16 @@ def fully(bench: Bench, state: State) -> State:
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
         state = min(all_fitted(bench, starts), key=lambda other: other.minimum.chi2)
     return fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
+
+
+def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+    """The model, or a better one fitted from the declared arm: what was missing has led this one far astray."""
+    vector = np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
+    other = fitted(bench, replace(Refit.of(state), vector=vector, outer=FULLY, roughly=FAINTLY))
+    if other.select >= state.select:
+        return state
+    progress(f"  from the declared arm again: {excess(bench, other):.4g}")
+    return other
 
 
 def _resized(state: State, effect: Effect, which: Sequence[int], factors: Sequence[float]) -> list[Refit]:

@@ -26,16 +26,15 @@ from typing import Any
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "ident"))
 
-from loop.cases import KINDS_OF_CASE, Case, arm, cases, drawn, truth, twin, write_json
+from loop.cases import KINDS_OF_CASE, Case, cases, drawn, truth, twin, write_json
 from loop.judge import ASKED, NEAR_CLEAN, bias, judged
 from loop.table import failures, table
 
 from ident.bench import in_parallel
-from ident.diagnose import diagnose
 from ident.diagnosis_json import verdict_document
+from ident.either_model import diagnose_either
 from ident.errors import ExperimentError
 from ident.store import read_campaign, write_campaign
-from symgen.plan import model_of_urdf
 
 COUNTS = {"clean": 100, "one": 156, "two": 52, "outside": 56}
 RESULTS = HERE / "RESULTS_LOOP.md"
@@ -143,7 +142,7 @@ def _worked(job: Job, tell: Callable[[str], None]) -> dict[str, Any]:
         tell(line)
 
     try:
-        verdict = blind(file, arm(case.robot)[0].believe_zeros, progress)
+        verdict = blind(file, progress)
     except Exception:  # noqa: BLE001 - whatever it is, it is a verdict that was not given: count it, tell it, go on
         wrong = dict.fromkeys(ASKED[case.kind], False)
         return entry | {"status": "error", "scores": wrong, "said": [*lines, traceback.format_exc(limit=-3)]}
@@ -163,11 +162,10 @@ def _worked(job: Job, tell: Callable[[str], None]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def blind(file: Path, believe_zeros: bool, progress: Callable[[str], None]) -> dict[str, Any]:
-    """The verdict on a campaign file: nothing is known but what is in it."""
-    campaign = read_campaign(file)
-    model = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=believe_zeros)
-    return verdict_document(diagnose(campaign, model, progress=progress), [file])
+def blind(file: Path, progress: Callable[[str], None]) -> dict[str, Any]:
+    """The verdict on a campaign file, as `ident diagnose FILE` has it: nothing is known but what is in it."""
+    found, notes = diagnose_either(read_campaign(file), progress=progress)
+    return verdict_document(found, [file], notes)
 
 
 def _entry(case: Case, true: list[dict[str, Any]]) -> dict[str, Any]:

@@ -79,7 +79,7 @@ def test_the_force_of_friction_is_met_at_one_place_however_it_is_damped() -> Non
     v0 = Y * np.where(lines == 1, 1.2, 0.0)
     assert scene.samples == S
     found = [
-        _in_turns(scene, lambda where: lambda v: np.tanh(v / 0.02), g, v0, Y, np.zeros(S), 3000)[0].lines
+        _in_turns(scene, lambda where: lambda v: np.tanh(v / 0.02), g, v0, Y, [np.zeros(S)], 3000)[0].lines
         for g in (0.5, 2.0, 8.0)
     ]
     for other in found[1:]:
@@ -107,7 +107,7 @@ def test_friction_in_turns_is_that_of_an_integrated_mass() -> None:
 
     Y = 1.0 / (m * scene.s + c)
     found, slope = _in_turns(
-        scene, lambda where: friction, 0.5 * float(np.median(1 / np.abs(Y))), Y * u, Y, np.zeros(scene.samples), 400
+        scene, lambda where: friction, 0.5 * float(np.median(1 / np.abs(Y))), Y * u, Y, [np.zeros(scene.samples)], 400
     )
     t = np.arange(scene.samples) / scene.samples
     true = solve_ivp(

@@ -11,6 +11,7 @@ import numpy as np
 from ident.effects.base import Arm, Effect
 from loop.cases import Case, arm
 from symgen.kinematics import inertia_matrix
+from symgen.plan import make_model
 
 #: A held-out error may be this many times the noise floor; J(q) this many times as wrong as without the effect.
 NEAR_NOISE, NEAR_CLEAN = 1.1, 2.0
@@ -78,7 +79,8 @@ def place(verdict: dict[str, Any]) -> tuple[str | None, str | None]:
 
 def bias(case: Case, effects: Sequence[Effect], verdict: dict[str, Any]) -> float:
     """How wrong J(q) of the corrected arm is: rms over postures of the entry that is worst, relative to sqrt(J_ii J_jj)."""
-    robot, chain, model, _ = arm(case.robot)
+    robot, chain, *_ = arm(case.robot)
+    model = make_model(chain, believe_zeros=verdict["declared"]["believed_zeros"] > 0)
     true = Arm(chain, tuple(robot.drive(name) for name in chain.names), np.asarray(robot.gravity))
     for effect in effects:
         true = effect.arm(true, 0)

@@ -1,0 +1,55 @@
+"""A campaign diagnosed with the constants that it can bear: those of general links, or fewer, the URDF's zeros believed.
+
+Links that are drawn symmetric have products of inertia that are exactly zero. To take them for unknown is never wrong, but
+what an undeclared effect bends can then hide in them, the more so as a part of the records only fits. So where the general
+arm alone does not explain the records, and fewer constants and an effect do, that is the simpler explanation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ident.campaign import Campaign
+from ident.campaign_model import model_of_campaign
+from ident.diagnose import Diagnosis, departs_alone, diagnose
+from ident.frf import estimate
+from ident.trials import NAMED
+from symgen.plan import Model, model_of_urdf
+
+#: General links are taken where they leave less than this share of what is left when zeros are believed.
+BETTER = 0.8
+
+
+def diagnose_either(
+    campaign: Campaign,
+    believe_zeros: bool | None = None,
+    *,
+    workers: int = 1,
+    progress: Callable[[str], None] = lambda line: None,
+) -> tuple[Diagnosis, tuple[str, ...]]:
+    """Returns the diagnosis of a campaign and notes on its constants; `believe_zeros` None lets the records decide.
+
+    Raises IdentError for a campaign without usable records.
+    """
+    responses = [estimate(record, campaign) for record in campaign.records]
+    model, notes = model_of_campaign(campaign, responses, believe_zeros, "coupled")
+
+    def by(links: Model) -> Diagnosis:
+        return diagnose(campaign, links, workers=workers, progress=progress)
+
+    symmetric = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=True)
+    fewer = len(symmetric.alpha_cad) < len(model.alpha_cad)
+    if believe_zeros is not None or not fewer or not departs_alone(campaign, model, workers):
+        return by(model), notes
+    believed = len(symmetric.factoring.believed)
+    note = (
+        f"The {believed} inertial parameters that are exactly zero in the URDF are believed to be zero: with them the records "
+        "are explained as well by fewer constants (--no-believe-zeros takes them for unknown)."
+    )
+    progress(f"the {believed} zeros of the URDF believed")
+    simple = by(symmetric)
+    if simple.left <= NAMED:
+        return simple, (note,)
+    progress("links taken for general")
+    general = by(model)
+    return (general, notes) if general.left < BETTER * simple.left else (simple, (note,))
