@@ -42,7 +42,8 @@ def add(command: NewCommand) -> None:
     )  # fmt: skip
     diagnose.add_argument(
         "--believe-zeros", action=argparse.BooleanOptionalAction, default=None,
-        help="take inertial parameters that are exactly zero in the URDF as known (default: only where the records need it)",
+        help="take inertial parameters that are exactly zero in the URDF as known (default: where the records need it, or are "
+        "explained with an effect then and by general links alone are not)",
     )  # fmt: skip
     diagnose.add_argument("--brief", action="store_true", help="print the sentence, the errors and the effects only")
     diagnose.set_defaults(action=_diagnose)

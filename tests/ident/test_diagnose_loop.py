@@ -12,10 +12,10 @@ import pytest
 from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.campaign import Campaign
-from ident.candidates import catalogue, nearer
+from ident.candidates import catalogue, nearer, otherwise
 from ident.coupled import declared_start
 from ident.diagnose import Diagnosis, _renamed, diagnose
-from ident.effects.catalogue import parse
+from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.learned import learned
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
@@ -107,6 +107,15 @@ def test_a_name_takes_a_curves_place_once_it_explains_the_records() -> None:
     assert [e.name for e in new.effects] == [added.effect.name] == ["motor-coulomb"]
     assert added.effect.joint == by_hand.JOINT
     assert added.effect.values[0] == pytest.approx(by_hand.LEVEL, rel=0.05)
+
+
+def test_other_whole_numbers_stay_within_the_arm() -> None:
+    """The first motor may be coupled to the third, the second to no fourth."""
+    start = by_hand.diagnosis().start
+    lin = linearise(start.problem, start.minimum.vector, hold(start.problem, start.minimum.vector))
+    kind = CATALOGUE["motor-coupling"]
+    assert [c.effect["step"] for c in otherwise(lin, kind(0, (0.05, 1.0)))] == [2.0]
+    assert otherwise(lin, kind(1, (0.05, 1.0))) == []
 
 
 def test_a_base_so_soft_that_it_moves_every_mode_promises_most(model: Model) -> None:

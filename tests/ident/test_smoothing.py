@@ -107,7 +107,7 @@ def test_friction_in_turns_is_that_of_an_integrated_mass() -> None:
 
     Y = 1.0 / (m * scene.s + c)
     found, slope = _in_turns(
-        scene, lambda where: friction, 0.5 * float(np.median(1 / np.abs(Y))), Y * u, Y, [np.zeros(scene.samples)], 400
+        scene, lambda where: friction, 0.5 * float(np.median(1 / np.abs(Y))), Y * u, Y, [np.zeros(scene.samples)], TURNS
     )
     t = np.arange(scene.samples) / scene.samples
     true = solve_ivp(
