@@ -43,7 +43,7 @@ def add(command: NewCommand) -> None:
     diagnose.add_argument(
         "--believe-zeros", action=argparse.BooleanOptionalAction, default=None,
         help="take inertial parameters that are exactly zero in the URDF as known (default: where the records need it, or are "
-        "explained with an effect then and by general links alone are not)",
+        "explained by an effect and fewer constants then)",
     )  # fmt: skip
     diagnose.add_argument("--brief", action="store_true", help="print the sentence, the errors and the effects only")
     diagnose.set_defaults(action=_diagnose)

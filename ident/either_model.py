@@ -1,8 +1,8 @@
 """A campaign diagnosed with the constants that it can bear: those of general links, or fewer, the URDF's zeros believed.
 
 Links that are drawn symmetric have products of inertia that are exactly zero. To take them for unknown is never wrong, but
-what an undeclared effect bends can then hide in them, the more so as a part of the records only fits. So where the general
-arm alone does not explain the records, and fewer constants and an effect do, that is the simpler explanation.
+what an undeclared effect bends can then hide in them, the more so as a part of the records only fits: a joint whose zero is
+off looks like a link that is not symmetric. What takes fewer numbers is the simpler explanation.
 """
 
 from __future__ import annotations
@@ -38,18 +38,19 @@ def diagnose_either(
         return diagnose(campaign, links, workers=workers, progress=progress)
 
     symmetric = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=True)
-    fewer = len(symmetric.alpha_cad) < len(model.alpha_cad)
-    if believe_zeros is not None or not fewer or not departs_alone(campaign, model, workers):
+    more = len(model.alpha_cad) - len(symmetric.alpha_cad)
+    if believe_zeros is not None or not more:
         return by(model), notes
     believed = len(symmetric.factoring.believed)
-    note = (
-        f"The {believed} inertial parameters that are exactly zero in the URDF are believed to be zero: with them the records "
-        "are explained as well by fewer constants (--no-believe-zeros takes them for unknown)."
-    )
     progress(f"the {believed} zeros of the URDF believed")
     simple = by(symmetric)
-    if simple.left <= NAMED:
-        return simple, (note,)
-    progress("links taken for general")
-    general = by(model)
-    return (general, notes) if general.left < BETTER * simple.left else (simple, (note,))
+    alone = not departs_alone(campaign, model, workers)
+    explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
+    general = None if explained else by(model)
+    if general is not None and (alone or general.left < BETTER * simple.left):
+        return general, notes
+    note = (
+        f"The {believed} inertial parameters that are exactly zero in the URDF are believed to be zero: with that the records are "
+        "explained as well by fewer constants (--no-believe-zeros takes them for unknown"
+    )
+    return simple, (note + ("; then they alone explain the records, too)." if alone else ")."),)

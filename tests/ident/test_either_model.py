@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ def campaign(delay: float) -> Campaign:
     return simulate(chain_of_robot(SHORT), SHORT, cells, effects=effects, workers=1, seed=5)
 
 
-def test_records_that_general_links_explain_leave_no_zeros_believed() -> None:
+def test_records_that_lack_nothing_leave_no_zeros_believed() -> None:
     found, notes = diagnose_either(campaign(0.0))
     assert found.status == "explained" and not found.model.factoring.believed and not notes
 
@@ -46,25 +47,31 @@ def test_zeros_are_believed_where_an_effect_then_explains_the_records() -> None:
 class Left:
     """A diagnosis that leaves so much."""
 
-    def __init__(self, model: Model, left: float) -> None:
+    def __init__(self, model: Model, left: float, values: int) -> None:
         self.model, self.left = model, left
+        self.end = SimpleNamespace(effects=[SimpleNamespace(values=(0.0,) * values)] if values else [])
 
 
 @pytest.mark.parametrize(
-    ("believe", "by_zeros", "by_general", "tried", "believed"),
+    ("believe", "by_zeros", "values", "by_general", "alone", "tried", "believed"),
     [
-        (None, 1.0, 9.0, 1, True),  # explained: nothing else is tried
-        (None, 5.0, 1.0, 2, False),  # zeros that are none
-        (None, 5.0, 4.9, 2, True),  # as much with more constants
-        (True, 5.0, 1.0, 1, True),
-        (False, 1.0, 5.0, 1, False),
+        (None, 1.0, 2, 9.0, False, 1, True),  # explained: nothing else is tried
+        (None, 5.0, 2, 1.0, False, 2, False),  # zeros that are none
+        (None, 5.0, 2, 4.9, False, 2, True),  # as much with more constants
+        (None, 1.0, 1, 1.0, True, 1, True),  # one number in place of seven
+        (None, 1.0, 9, 1.0, True, 2, False),
+        (None, 1.0, 0, 1.0, True, 2, False),  # nothing is missing: nothing need be believed
+        (True, 5.0, 2, 1.0, False, 1, True),
+        (False, 1.0, 2, 5.0, False, 1, False),
     ],
 )
-def test_general_links_are_taken_where_they_leave_less(
+def test_what_takes_fewer_numbers_is_taken(
     monkeypatch: pytest.MonkeyPatch,
     believe: bool | None,
     by_zeros: float,
+    values: int,
     by_general: float,
+    alone: bool,
     tried: int,
     believed: bool,
 ) -> None:
@@ -72,10 +79,10 @@ def test_general_links_are_taken_where_they_leave_less(
 
     def diagnose(campaign: Campaign, model: Model, **_: object) -> Left:
         runs.append(bool(model.factoring.believed))
-        return Left(model, by_zeros if model.factoring.believed else by_general)
+        return Left(model, by_zeros if model.factoring.believed else by_general, values)
 
     monkeypatch.setattr(ident.either_model, "diagnose", diagnose)
-    monkeypatch.setattr(ident.either_model, "departs_alone", lambda *_: True)
+    monkeypatch.setattr(ident.either_model, "departs_alone", lambda *_: not alone)
     found, notes = diagnose_either(campaign(0.0), believe)
     assert bool(found.model.factoring.believed) == believed and len(runs) == tried
     assert bool(notes) == (believed and believe is None)
