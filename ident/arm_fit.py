@@ -209,21 +209,22 @@ def residual(
     use = one.use if judged else np.ones(len(one.sampling.f), dtype=bool)
     sampling = replace(one.sampling, f=one.sampling.f[use])
 
-    def run(effects: tuple[Effect, ...], derive: bool) -> tuple[Complex, Complex]:
+    def acted(effects: tuple[Effect, ...]) -> tuple[Scene, Parameters, Extra]:
         scene, p = problem.scene(one, effects), in_record(whole, effects, one.index)
-        extra = acting(scene, p, effects, how).at(use)
+        return scene, p, acting(scene, p, effects, how).at(use)
+
+    def run(scene: Scene, p: Parameters, extra: Extra, derive: bool) -> tuple[Complex, Complex]:
         theta, slopes = motion_and_derivatives(scene.arm, p, sampling, scene.tau[use], extra, derive)
         return scene.theta[use] - theta, -slopes
 
-    r, slopes = run(effects, derive)
+    scene, p, extra = acted(effects)
+    r, slopes = run(scene, p, extra, derive)
     if not derive:
         return r, slopes, np.zeros(0, dtype=np.int64)
-    scene, p = problem.scene(one, effects), in_record(whole, effects, one.index)
     columns, more = [scene.arm.columns(problem.n)], [slopes]
     if not effects:
         return r, slopes, columns[0]
     arm, s, theta = known(scene, p), scene.s[use], scene.theta[use] - r
-    extra = acting(scene, p, effects, how).at(use)
     on_motor, on_link = transfer(scene.arm, p, s, extra)
     for effect in effects:
         if effect.impedance_of and effect.joint in scene.arm.live:
@@ -245,7 +246,8 @@ def residual(
             if by[0].impedance is not None:
                 moves += by_impedance(scene.arm, p, s, extra, theta, np.array([b.impedance for b in by]))
         else:
-            moves = np.stack([r - run((*effects[:place], e, *effects[place + 1 :]), False)[0] for e in changed], axis=2)
+            others = [acted((*effects[:place], e, *effects[place + 1 :])) for e in changed]
+            moves = np.stack([r - run(*other, False)[0] for other in others], axis=2)
         more.append(-moves / np.array(nudges))
         columns.append(np.array(places))
     return r, np.concatenate(more, axis=2), np.concatenate(columns)

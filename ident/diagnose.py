@@ -125,44 +125,60 @@ def diagnose(
     Candidates are tried by `workers` processes; the result does not depend on how many.
     Raises IdentError for a campaign without usable records.
     """
-    responses, data, bench, start = _begun(campaign, model, workers)
-    if not bench.split.note and _bends(bench, start, BENDS):
-        bench, start = _by_lines(bench, data, progress)
-    state, added = _loop(bench, start, progress)
-    left = _left_over(bench, start, state, added)
-    if left and not bench.split.note and _bends(bench, state, MAY_BEND):
-        by_lines = _by_lines(bench, data, progress)
-        other, more = _loop(*by_lines, progress)
-        if _left(*by_lines, other) < _left(bench, start, state):
-            (bench, start), state, added = by_lines, other, more
-            left = _left_over(bench, start, state, added)
-    final = tuple(replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if same(a.effect, e))
-    before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
-    off = () if left else _off(bench, state)
-    if off:
-        before = errors(bench, off[0].without, bench.split.report) if not final else before
-    status = "unexplained" if left else "effect-found" if final or off else "explained"
-    return Diagnosis(campaign, model, responses, bench.split, start, state, final, off, before, after, left, status)
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    return begin(campaign, model, responses, workers).diagnosed(progress)
 
 
-def departs_alone(campaign: Campaign, model: Model, workers: int = 1) -> bool:
-    """Whether anything but noise is left of the records by the arm `model` without effects; raises like `diagnose`."""
-    *_, bench, start = _begun(campaign, model, workers)
-    return _departs(bench, start)
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """The evidence of all records, `responses` theirs, and `start`, the arm without effects."""
+
+    responses: tuple[Frf, ...]
+    data: tuple[Evidence, ...]
+    bench: Bench
+    start: State
+
+    @property
+    def departs(self) -> bool:
+        """Whether anything but noise is left of the records without effects."""
+        return _departs(self.bench, self.start)
+
+    def diagnosed(self, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:
+        """What explains the records, see `diagnose`."""
+        data, bench, start = self.data, self.bench, self.start
+        if not bench.split.note and _bends(bench, start, BENDS):
+            bench, start = _by_lines(bench, data, progress)
+        state, added = _loop(bench, start, progress)
+        left = _left_over(bench, start, state, added)
+        if left and not bench.split.note and _bends(bench, state, MAY_BEND):
+            by_lines = _by_lines(bench, data, progress)
+            other, more = _loop(*by_lines, progress)
+            if _left(*by_lines, other) < _left(bench, start, state):
+                (bench, start), state, added = by_lines, other, more
+                left = _left_over(bench, start, state, added)
+        final = tuple(
+            replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if same(a.effect, e)
+        )
+        before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
+        off = () if left else _off(bench, state)
+        if off:
+            before = errors(bench, off[0].without, bench.split.report) if not final else before
+        status = "unexplained" if left else "effect-found" if final or off else "explained"
+        campaign, model = bench.campaign, bench.model
+        return Diagnosis(
+            campaign, model, self.responses, bench.split, start, state, final, off, before, after, left, status
+        )
 
 
-def _begun(
-    campaign: Campaign, model: Model, workers: int
-) -> tuple[tuple[Frf, ...], tuple[Evidence, ...], Bench, State]:
-    """Responses and evidence of all records, and the arm without effects."""
+def begin(campaign: Campaign, model: Model, responses: tuple[Frf, ...], workers: int = 1) -> Begun:
+    """Returns what a diagnosis begins with; `responses` are those of all records. Raises IdentError for none."""
     if not campaign.records:
         raise IdentError("the campaign holds no records; expected at least one")
-    responses = tuple(estimate(record, campaign) for record in campaign.records)
     basis = gravity_basis(model, campaign.gravity)
     data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
     guess = declared_start(campaign, model, responses, basis)
     bench = Bench(campaign, model, basis, split(data, model), guess, workers)
-    return responses, data, bench, first(bench)
+    return Begun(responses, data, bench, first(bench))
 
 
 def _bends(bench: Bench, state: State, times: float) -> bool:

@@ -11,10 +11,10 @@ from collections.abc import Callable
 
 from ident.campaign import Campaign
 from ident.campaign_model import model_of_campaign
-from ident.diagnose import Diagnosis, departs_alone, diagnose
+from ident.diagnose import Diagnosis, begin
 from ident.frf import estimate
 from ident.trials import NAMED
-from symgen.plan import Model, model_of_urdf
+from symgen.plan import model_of_urdf
 
 #: General links are taken where they leave less than this share of what is left when zeros are believed.
 BETTER = 0.8
@@ -31,26 +31,24 @@ def diagnose_either(
 
     Raises IdentError for a campaign without usable records.
     """
-    responses = [estimate(record, campaign) for record in campaign.records]
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
     model, notes = model_of_campaign(campaign, responses, believe_zeros, "coupled")
-
-    def by(links: Model) -> Diagnosis:
-        return diagnose(campaign, links, workers=workers, progress=progress)
-
+    general = begin(campaign, model, responses, workers)
     symmetric = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=True)
     more = len(model.alpha_cad) - len(symmetric.alpha_cad)
     if believe_zeros is not None or not more:
-        return by(model), notes
+        return general.diagnosed(progress), notes
     believed = len(symmetric.factoring.believed)
     progress(f"the {believed} zeros of the URDF believed")
-    simple = by(symmetric)
-    alone = not departs_alone(campaign, model, workers)
+    simple = begin(campaign, symmetric, responses, workers).diagnosed(progress)
+    alone = not general.departs
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
-    general = None if explained else by(model)
-    if general is not None and (alone or general.left < BETTER * simple.left):
-        return general, notes
+    if not explained:
+        found = general.diagnosed(progress)
+        if alone or found.left < BETTER * simple.left:
+            return found, notes
     note = (
-        f"The {believed} inertial parameters that are exactly zero in the URDF are believed to be zero: with that the records are "
-        "explained as well by fewer constants (--no-believe-zeros takes them for unknown"
+        f"The {believed} inertial parameters that are exactly zero in the URDF are believed to be zero: more constants explain the "
+        "records no better (--no-believe-zeros takes them for unknown"
     )
-    return simple, (note + ("; then they alone explain the records, too)." if alone else ")."),)
+    return simple, (note + ("; then the records are explained without an effect, too)." if alone else ")."),)

@@ -77,12 +77,14 @@ def test_what_takes_fewer_numbers_is_taken(
 ) -> None:
     runs: list[bool] = []
 
-    def diagnose(campaign: Campaign, model: Model, **_: object) -> Left:
-        runs.append(bool(model.factoring.believed))
-        return Left(model, by_zeros if model.factoring.believed else by_general, values)
+    def begin(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
+        def diagnosed(progress: object) -> Left:
+            runs.append(bool(model.factoring.believed))
+            return Left(model, by_zeros if model.factoring.believed else by_general, values)
 
-    monkeypatch.setattr(ident.either_model, "diagnose", diagnose)
-    monkeypatch.setattr(ident.either_model, "departs_alone", lambda *_: not alone)
+        return SimpleNamespace(departs=not alone, diagnosed=diagnosed)
+
+    monkeypatch.setattr(ident.either_model, "begin", begin)
     found, notes = diagnose_either(campaign(0.0), believe)
     assert bool(found.model.factoring.believed) == believed and len(runs) == tried
     assert bool(notes) == (believed and believe is None)
