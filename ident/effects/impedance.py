@@ -46,6 +46,16 @@ class Sprung:
         result[:, n:, n:] = -np.swapaxes(both, 1, 2) @ np.linalg.solve(own, both)
         return result
 
+    def carried_along(self, s: Complex, q: Complex) -> Complex:
+        """Their motion [S, k] when the links move by q [S, n]."""
+        both, own = self.blocks(s)
+        return np.asarray(-np.linalg.solve(own, both @ q[..., None])[..., 0])
+
+    def passed_on(self, s: Complex, on_links: Complex, on_own: Complex) -> Complex:
+        """All that the links feel [S, n] of forces on them and of forces [S, k] on what gives."""
+        both, own = self.blocks(s)
+        return np.asarray(on_links - (np.swapaxes(both, 1, 2) @ np.linalg.solve(own, on_own[..., None]))[..., 0])
+
 
 def twists(chain: Chain, q: Array) -> tuple[Array, list[tuple[Array, Array]]]:
     """Returns the twists [n, 6] of the joints (velocity at the base's origin, angular velocity; base axes), and the frames
@@ -93,6 +103,17 @@ def weighed(
     ]
     W = np.array([[second(a, b, carried[link]) for b in motion] for a in motion])
     return np.array(V), 0.5 * (W + W.T)
+
+
+def inertia_and_weight(chain: Chain, q: Array, gravity: Array) -> tuple[Array, Array]:
+    """Returns the inertia matrix [n, n, kg m2] of the declared links, and the stiffness [n, n, N m/rad] that gravity adds."""
+    joints, carried = _carried(chain, q, 0, 1.0)
+    J, K = np.zeros((2, chain.n, chain.n))
+    for j, body in enumerate(carried):
+        momentum = body @ joints[j]
+        J[j, : j + 1] = J[: j + 1, j] = joints[: j + 1] @ momentum
+        K[j, : j + 1] = K[: j + 1, j] = -np.cross(joints[: j + 1, 3:], momentum[:3]) @ gravity
+    return J, K
 
 
 def _carried(chain: Chain, q: Array, link: int, share: float) -> tuple[Array, Array]:

@@ -8,12 +8,13 @@ import numpy as np
 
 from ident.effects.base import Array, Body, Complex, Effect, Known, Parameter, Swing
 from ident.effects.impedance import Sprung, coupling, own_inertia, twists, weighed
+from ident.effects.sway import bent, rocked, second_order
 from symgen.chain import Chain
 
 #: Retardation time [s] of a spring: its damping over its stiffness. At 30 Hz, 2e-4 s is 2 % of critical.
 _DAMPING = Parameter("damping", "s", 0.0, 0.01, (2e-4,), zero=None)
-#: The twists of a base that turns about x, y and z, and the step [rad, m] of a joint by which what it carries is differentiated.
-_TURNS, _DIFFERENCE = np.hstack([np.zeros((3, 3)), np.eye(3)]), 1e-4
+#: The twists of a base that turns about x, y and z.
+_TURNS = np.hstack([np.zeros((3, 3)), np.eye(3)])
 
 
 @final
@@ -25,17 +26,28 @@ class LockedJointElasticity(Effect):
 
     def impedance(self, s: Complex, arm: Known) -> Complex:
         """On the other joints; nothing where the joint is not locked, but live in J."""
-        stiffness, damping = self.values
         i = self.joint
         assert i is not None
         if arm.J[i, i]:
             return np.zeros((len(s), 2 * len(arm.N), 2 * len(arm.N)), dtype=complex)
+        return self._sprung(arm).on_links(s)
+
+    def second_order(self, s: Complex, arm: Known, swing: Swing) -> Complex | None:
+        i = self.joint
+        if arm.chain is None or i is None or arm.J[i, i]:
+            return None
+        return second_order(s, arm, swing, self._sprung(arm), arm.chain, [i])
+
+    def _sprung(self, arm: Known) -> Sprung:
+        stiffness, damping = self.values
+        i = self.joint
+        assert i is not None
         C, own = _row(arm, i)
         weight = _weight(arm, i)
         C[0, i] = 0.0
         if weight is not None:
             weight[0][0, i] = 0.0
-        return Sprung(C, own, np.array([stiffness]), np.array([stiffness * damping]), weight).on_links(s)
+        return Sprung(C, own, np.array([stiffness]), np.array([stiffness * damping]), weight)
 
     def structure(self, body: Body) -> None:
         assert self.joint is not None
@@ -83,28 +95,8 @@ class BaseCompliance(Effect):
         chain, q = arm.chain, arm.posture
         if chain is None:
             return None
-        both, own = self._sprung(*coupling(chain, q, _TURNS), self._weight(arm, q)).blocks(s)
-        turn = -np.linalg.solve(own, both @ swing.at_lines(swing.q)[..., None])[..., 0]
-        x, v, a = (swing.in_time(s[:, None] ** order * turn) for order in range(3))
-        on_base, on_links = np.zeros_like(x), np.zeros_like(swing.q)
-        for k in np.flatnonzero(swing.q.any(axis=0)):
-            step = _DIFFERENCE * np.eye(chain.n)[k]
-            slopes = (self._felt(arm, q + step) - self._felt(arm, q - step)) / (2.0 * _DIFFERENCE)
-            C, M, V, W = np.split(slopes, np.cumsum([chain.n, 3, chain.n]), axis=1)
-            q_k, v_k = swing.q[:, [k]], swing.v[:, [k]]
-            on_base -= q_k * (swing.a @ C.T + 0.5 * swing.q @ V.T + a @ M.T + x @ W.T) + v_k * (swing.v @ C.T + v @ M.T)
-            on_links -= q_k * (a @ C + x @ V) + v_k * (v @ C)
-            on_links[:, k] += np.sum((v @ C) * swing.v, axis=1)
-        turned = np.linalg.solve(own, swing.at_lines(on_base)[..., None])
-        return np.asarray(swing.at_lines(on_links) - (np.swapaxes(both, 1, 2) @ turned)[..., 0])
-
-    def _felt(self, arm: Known, q: Array) -> Array:
-        """What turns of the base feel at posture q [3, 2n + 6]: inertia shared with the joints [n] and of all that is carried [3],
-        the stiffness that gravity adds to each."""
-        assert arm.chain is not None
-        inertia = np.hstack(coupling(arm.chain, q, _TURNS))
-        weight = self._weight(arm, q)
-        return np.hstack([inertia, np.zeros_like(inertia) if weight is None else np.hstack(weight)])
+        sprung = self._sprung(*coupling(chain, q, _TURNS), self._weight(arm, q))
+        return second_order(s, arm, swing, sprung, rocked(chain, self._springs()[1]), range(3))
 
     @staticmethod
     def _weight(arm: Known, q: Array) -> tuple[Array, Array] | None:
@@ -140,6 +132,15 @@ class LinkFlexibility(Effect):
 
     def impedance(self, s: Complex, arm: Known) -> Complex:
         """About the joint's axis from the fitted J, less what stays of the link; across it from the declared links."""
+        return self._sprung(arm).on_links(s)
+
+    def second_order(self, s: Complex, arm: Known, swing: Swing) -> Complex | None:
+        chain, i = arm.chain, self.joint
+        if chain is None or i is None:
+            return None
+        return second_order(s, arm, swing, self._sprung(arm), bent(chain, i, self["share"], self._axis(chain)), [i + 1])
+
+    def _sprung(self, arm: Known) -> Sprung:
         k, share, damping, across = self.values
         i = self.joint
         assert i is not None
@@ -148,7 +149,7 @@ class LinkFlexibility(Effect):
             C, own = arm.J[[i]] * share, arm.J[i : i + 1, i : i + 1] * share
         elif across:
             R, p = twists(arm.chain, arm.posture)[1][i]
-            axis = R @ _out_of_plane(arm.chain, i)
+            axis = R @ self._axis(arm.chain)
             motion = np.concatenate([np.cross(p, axis), axis])
             C, own = coupling(arm.chain, arm.posture, motion[None], i, share)
             weight = _weight(arm, i, motion, share)
@@ -157,14 +158,18 @@ class LinkFlexibility(Effect):
             C = _row(arm, i)[0] - (1.0 - share) * own_inertia(arm.chain, arm.posture, i, motion)
             own = C[:, [i]]
             weight = _weight(arm, i, motion, share)
-        return Sprung(C, own, np.array([k]), np.array([k * damping]), weight).on_links(s)
+        return Sprung(C, own, np.array([k]), np.array([k * damping]), weight)
 
     def structure(self, body: Body) -> None:
-        k, share, damping, across = self.values
+        k, share, damping, _ = self.values
         i = self.joint
         assert i is not None
-        axis = _out_of_plane(body.chain, i) if across else body.chain.joints[i].axis
-        body.split(i, share, axis.tolist(), k, k * damping)
+        body.split(i, share, self._axis(body.chain).tolist(), k, k * damping)
+
+    def _axis(self, chain: Chain) -> Array:
+        """The axis [3, link frame] about which the link turns on its spring."""
+        assert self.joint is not None
+        return _out_of_plane(chain, self.joint) if self["across"] else chain.joints[self.joint].axis
 
 
 def _out_of_plane(chain: Chain, link: int) -> Array:
