@@ -29,6 +29,9 @@ SMALL_STEP = 0.01
 OUTER, INNER, TRIALS, FEW = 6, 30, 8, 10
 #: Damping with which a step is promised that would be taken next, were it the last: along a valley the damped ones are short.
 SLACK = 1e-9
+#: A descent winds where a step does less than this share of what is promised undamped, though it is damped this little: there
+#: it follows the bend of the valley, found from a share of the step ahead, where that is less than so much of the step.
+WINDING, GENTLE, AHEAD, BEND = 0.1, 0.01, 0.1, 0.75
 #: Progress below this share of chi^2 ends the way to a model that is still doubted.
 ROUGHLY = 0.01
 #: A direction of the parameters with less information than this was not seen: its deviation is over ten times its size.
@@ -114,14 +117,17 @@ def minimise(
     `roughly` ends each descent where chi^2 falls by less than this share, or after `FEW` steps, and all of it where one
     changes chi^2 by less.
     """
-    converged, chi2, last, information = False, np.inf, np.inf, np.zeros((len(vector), len(vector)))
+    converged, winding, damping, chi2, last = False, False, 1e-3, np.inf, np.inf
+    information = np.zeros((len(vector), len(vector)))
     for doubt in (*doubts, *[0.0] * outer):
         held = hold(problem, vector, doubt)
         chi2, slope, information = normal_equations(problem, vector, held)
-        begin, settled, damping = vector, False, 1e-3
+        begin, settled, damping = vector, False, min(damping, 1e-3)
         for _ in range(FEW if roughly else INNER):
-            for _ in range(TRIALS):
+            for refused in range(TRIALS):
                 step = _step(problem, vector, slope, information, damping)
+                if winding and damping < GENTLE:
+                    step = step + _bend(problem, vector, held, step, information, damping)
                 trial = np.clip(vector + problem.scale * step, problem.low, problem.high)
                 cost = chi_squared(problem, trial, held)
                 if cost <= chi2:
@@ -130,12 +136,14 @@ def minimise(
             else:
                 settled = bool(-step @ slope < SMALL_STEP)
                 break
-            damping = max(damping / 5.0, 1e-12)
+            if not (winding and refused):
+                damping = max(damping / 5.0, 1e-12)
             vector, moved, before = trial, float(step @ information @ step), chi2
             chi2, slope, information = normal_equations(problem, vector, held)
             little = max(ROUGHLY if doubt else 0.0, roughly) * before
             promised = float(-_step(problem, vector, slope, information, SLACK) @ slope)
-            if moved < SMALL_STEP**2 or max(before - chi2, promised) < little:
+            winding = winding or before - chi2 < WINDING * promised
+            if (moved < SMALL_STEP**2 and promised < SMALL_STEP) or max(before - chi2, promised) < little:
                 settled = True
                 break
         shift = (vector - begin) / problem.scale
@@ -145,6 +153,26 @@ def minimise(
             break
         last = np.inf if doubt else chi2
     return Minimum(vector, information, chi2, converged)
+
+
+def _bend(
+    problem: Problem, vector: Array, held: Sequence[Held], step: Array, information: Array, damping: float
+) -> Array:
+    """Returns what the curvature of the residuals along a step adds to it [P], half its geodesic acceleration
+    (doi:10.48550/arXiv.1201.5885); nothing where that is no small part of the step."""
+    pushed = np.zeros(len(vector))
+    ahead = vector + AHEAD * problem.scale * step
+    with np.errstate(all="ignore"):  # a bend beyond numbers is none
+        for one, kept in zip(problem.data, held, strict=True):
+            r, slopes, columns = residual(problem, vector, one, kept.moved, derive=True, judged=True)
+            there = residual(problem, ahead, one, kept.moved, judged=True)[0]
+            A = slopes * problem.scale[columns]
+            curved = 2.0 / AHEAD * ((there - r) / AHEAD - A @ step[columns])
+            W = kept.W[one.use]
+            pushed[columns] += 2.0 * ((W @ A).reshape(-1, len(columns)).conj().T @ (W @ curved[..., None]).ravel()).real
+        bend, size = 0.5 * _step(problem, vector, pushed, information, damping), np.sqrt(np.diag(information))
+        small = np.linalg.norm(size * bend) < BEND * np.linalg.norm(size * step)
+    return bend if small else np.zeros_like(bend)
 
 
 def _step(problem: Problem, vector: Array, slope: Array, information: Array, damping: float) -> Array:

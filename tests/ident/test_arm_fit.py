@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from diagnosed import ROOT, campaign
 
-from ident.arm_fit import _step, hold, residual
+import ident.arm_fit
+from ident.arm_fit import _step, hold, minimise, residual
+from ident.bench import simulate
 from ident.coupled import declared_start, problem_of
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.structure import LinkFlexibility
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from symgen.plan import chain_of_robot, make_model
@@ -62,3 +65,35 @@ def test_what_is_pressed_against_its_bound_is_left_there() -> None:
     np.testing.assert_allclose(pressed, [0.0, -0.15])
     away = _step(problem, np.array([0.0, 0.0]), -slope, information, 0.0)  # type: ignore[arg-type]
     np.testing.assert_allclose(away, -inside)
+
+
+def test_a_winding_valley_is_followed_by_its_bend(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A spring behind a spring: far along the valley of their stiffnesses, straight steps hardly move."""
+    robot = load_robot(ROOT / "robots/ypp3")
+    sharp = tuple(replace(drive, encoder_counts=2**20) for drive in robot.drives)
+    brief = replace(robot.experiment, f0=2.0, band=(2.0, 200.0), periods=3, torque_noise=5e-4)
+    short = replace(robot, experiment=brief, drives=sharp)
+    bend = LinkFlexibility(0, (6000.0, 0.64, 2e-4, 0.0))
+    cells = [(joint, [0, a, b]) for a, b in ((0.7, 0.5), (0.2, 1.8), (1.2, -1.0)) for joint in ("joint1", "joint2")]
+    c = simulate(chain_of_robot(robot), short, cells, effects=[bend], workers=1)
+    model = make_model(chain_of_robot(robot), believe_zeros=True)
+    responses = tuple(estimate(record, c) for record in c.records)
+    basis = gravity_basis(model, c.gravity)
+    data = tuple(evidence(c, model, basis, frf, k, "every") for k, frf in enumerate(responses))
+    start = declared_start(c, model, responses, basis)
+    limits = [(50.0, 1e6), (0.05, 0.95), (0.0, 0.01), (0.0, 0.0)]
+    problem = problem_of(c, model, basis, data, start, (bend,), [6000.0, 0.6, 2e-4, 1.0], limits)
+    problem = replace(problem, free=np.arange(problem.base + 4) < problem.base + 3)
+    vector = np.concatenate([start.vector(), bend.values])
+    vector[0] += np.log(0.75)
+    pinned = replace(problem, free=problem.free & (np.arange(len(vector)) != 0))
+    along = minimise(pinned, vector, (), 3).vector
+
+    def stiffer() -> float:
+        """How far the joint's spring is found stiffer, of the way to where it is."""
+        return float(minimise(problem, along, (), 3, 1e-4).vector[0] - along[0]) / np.log(1.0 / 0.75)
+
+    by_bend = stiffer()
+    monkeypatch.setattr(ident.arm_fit, "_bend", lambda problem, vector, *_: np.zeros(len(vector)))
+    straight = stiffer()
+    assert 0.3 < by_bend < 1.1 and straight < 0.2 * by_bend
