@@ -23,7 +23,7 @@ from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.parts import Split, degrees, split, split_lines
-from ident.refits import FINELY, Bench, State, excess, first, linearised, same, without
+from ident.refits import FINELY, Bench, Refit, State, all_fitted, excess, first, linearised, same, without
 from ident.trace import port_shares
 from ident.trials import (
     ALIKE,
@@ -142,6 +142,16 @@ class Begun:
     def departs(self) -> bool:
         """Whether anything but noise is left of the records without effects."""
         return _departs(self.bench, self.start)
+
+    def left_beside(self, found: Diagnosis) -> float:
+        """chi^2 per degree of freedom on the choosing records that this arm leaves with the effects of another diagnosis."""
+        bench, end, n = self.bench, found.end, self.bench.model.chain.n
+        if found.split.note and not bench.split.note:
+            bench = replace(bench, split=split_lines(self.data, found.split.note))
+        values = end.minimum.vector[end.problem.base :]
+        arms = [self.start.minimum.vector, np.concatenate([end.minimum.vector[: 4 * n], bench.guess.vector()[4 * n :]])]
+        refits = [Refit(np.concatenate([arm, values]), end.effects, end.scales, end.limits) for arm in arms]
+        return min(excess(bench, state) for state in all_fitted(bench, refits))
 
     def diagnosed(self, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:
         """What explains the records, see `diagnose`."""

@@ -16,7 +16,8 @@ from ident.frf import estimate
 from ident.trials import NAMED
 from symgen.plan import model_of_urdf
 
-#: General links are taken where they leave less than this share of what is left when zeros are believed.
+#: General links are tried where they leave less than this share of what is left when zeros are believed, beside the same
+#: effects, and taken where they do with their own.
 BETTER = 0.8
 
 
@@ -43,7 +44,7 @@ def diagnose_either(
     simple = begin(campaign, symmetric, responses, workers).diagnosed(progress)
     alone = not general.departs
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
-    if not explained:
+    if not explained and (alone or general.left_beside(simple) < BETTER * simple.left):
         found = general.diagnosed(progress)
         if alone or found.left < BETTER * simple.left:
             return found, notes

@@ -13,9 +13,10 @@ import pytest
 import ident.either_model
 from ident.bench import simulate
 from ident.campaign import Campaign
+from ident.diagnose import begin
 from ident.effects.motor import InputDelay
 from ident.either_model import diagnose_either
-from symgen.plan import Model, chain_of_robot, plan_of_robot
+from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
@@ -42,6 +43,9 @@ def test_zeros_are_believed_where_an_effect_then_explains_the_records() -> None:
     assert [(e.name, e.joint) for e in found.end.effects] == [("input-delay", JOINT)]
     assert found.model.factoring.believed
     assert len(notes) == 1 and "believed to be zero" in notes[0]
+    general = begin(campaign(DELAY), make_model(chain_of_robot(SHORT)), found.responses)
+    assert len(general.bench.model.alpha_cad) > len(found.model.alpha_cad)
+    assert general.left_beside(found) == pytest.approx(found.left, rel=0.1)
 
 
 class Left:
@@ -53,16 +57,17 @@ class Left:
 
 
 @pytest.mark.parametrize(
-    ("believe", "by_zeros", "values", "by_general", "alone", "tried", "believed"),
+    ("believe", "by_zeros", "values", "beside", "by_general", "alone", "tried", "believed"),
     [
-        (None, 1.0, 2, 9.0, False, 1, True),  # explained: nothing else is tried
-        (None, 5.0, 2, 1.0, False, 2, False),  # zeros that are none
-        (None, 5.0, 2, 4.9, False, 2, True),  # as much with more constants
-        (None, 1.0, 1, 1.0, True, 1, True),  # one number in place of seven
-        (None, 1.0, 9, 1.0, True, 2, False),
-        (None, 1.0, 0, 1.0, True, 2, False),  # nothing is missing: nothing need be believed
-        (True, 5.0, 2, 1.0, False, 1, True),
-        (False, 1.0, 2, 5.0, False, 1, False),
+        (None, 1.0, 2, 9.0, 9.0, False, 1, True),  # explained: nothing else is tried
+        (None, 5.0, 2, 2.0, 1.0, False, 2, False),  # zeros that are none
+        (None, 5.0, 2, 4.9, 1.0, False, 1, True),  # as much with more constants
+        (None, 5.0, 2, 2.0, 4.9, False, 2, True),
+        (None, 1.0, 1, 1.0, 1.0, True, 1, True),  # one number in place of seven
+        (None, 1.0, 9, 1.0, 1.0, True, 2, False),
+        (None, 1.0, 0, 1.0, 1.0, True, 2, False),  # nothing is missing: nothing need be believed
+        (True, 5.0, 2, 1.0, 1.0, False, 1, True),
+        (False, 1.0, 2, 5.0, 5.0, False, 1, False),
     ],
 )
 def test_what_takes_fewer_numbers_is_taken(
@@ -70,6 +75,7 @@ def test_what_takes_fewer_numbers_is_taken(
     believe: bool | None,
     by_zeros: float,
     values: int,
+    beside: float,
     by_general: float,
     alone: bool,
     tried: int,
@@ -77,14 +83,14 @@ def test_what_takes_fewer_numbers_is_taken(
 ) -> None:
     runs: list[bool] = []
 
-    def begin(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
+    def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
         def diagnosed(progress: object) -> Left:
             runs.append(bool(model.factoring.believed))
             return Left(model, by_zeros if model.factoring.believed else by_general, values)
 
-        return SimpleNamespace(departs=not alone, diagnosed=diagnosed)
+        return SimpleNamespace(departs=not alone, diagnosed=diagnosed, left_beside=lambda found: beside)
 
-    monkeypatch.setattr(ident.either_model, "begin", begin)
+    monkeypatch.setattr(ident.either_model, "begin", begun)
     found, notes = diagnose_either(campaign(0.0), believe)
     assert bool(found.model.factoring.believed) == believed and len(runs) == tried
     assert bool(notes) == (believed and believe is None)
