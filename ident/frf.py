@@ -27,6 +27,9 @@ __all__ = ["BINS", "ORDER", "ROUNDING", "Complex", "Detection", "Frf", "Spectra"
 USABLE = 10.0
 #: Degrees of freedom wanted for a variance: an estimate then scatters by sqrt(2/60) = 18 %.
 DOF_WANTED = 60
+#: A joint on its way to where it rests moves so much of its swing from one period to the next, and so many times as far as later.
+#: Noise of a mean is that of the lowest lines; times that which a joint on its way moves at least.
+ON_ITS_WAY, SLOWING, LOWEST, BEYOND_NOISE = 0.02, 1.25, 8, 6.0
 #: Probability of calling noise a transient, or a distortion, over all tests on one record.
 FALSE_ALARM = 1e-3
 #: Lines judged together when a transient is looked for; it is also looked for in all lines at once.
@@ -181,6 +184,10 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     step = _encoder_step(record.theta)
     first, settled = _settle(record, band, step**2 / (3.0 * S))
     first, mean, noise = most_telling(record, band, first)
+    low = np.sqrt(np.mean(np.abs(noise[:, :LOWEST, n:]) ** 2, axis=(0, 1)) * (P - first))  # of one period
+    arrived = _arrived(record, first, step + low)
+    if arrived > first:
+        first, mean, noise = most_telling(record, band, arrived)
     M = P - first
     kept = np.concatenate([record.tau[first * S :], record.theta[first * S :]], axis=1)
     excited = np.isin(band, lines)
@@ -298,6 +305,21 @@ def _settle(record: Record, band: NDArray[np.int64], floor: Array) -> tuple[int,
                 return start + 1, start < P - 3
         later.append(power)
     return 0, P > 2
+
+
+def _arrived(record: Record, first: int, noise: Array) -> int:
+    """Returns the period, not before `first`, from which on no joint is on its way to where it rests, beyond the `noise` [n, rad] of
+    its mean; two periods are left at least.
+
+    A linear arm's leakage tells what is on its way. Under dry friction, though, a joint that nearly comes to rest does it in
+    one period and not in another.
+    """
+    periods = record.theta.reshape(record.periods, record.samples_per_period, -1)
+    moves = np.abs(np.diff(periods.mean(axis=1), axis=0))
+    far = moves > ON_ITS_WAY * periods[-1].std(axis=0) + BEYOND_NOISE * noise
+    while first < len(moves) - 1 and np.any(far[first] & (moves[first] > SLOWING * moves[first + 1 :].max(axis=0))):
+        first += 1
+    return first
 
 
 def _averaging(L: int, bins_per_line: int) -> tuple[int, float]:
