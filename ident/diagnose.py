@@ -53,7 +53,8 @@ from symgen.plan import Model
 MOST_EFFECTS, MOST_OFF = 4, 6
 #: A learned curve needs this share of all that was in excess to be added.
 CURVE_SHARE = 0.05
-#: Curves at the port of a name that together do more than this share of what it did make it superfluous, if they can.
+#: Curves at the port of a name that together do more than this share of what it did, or leave it less than this share of its
+#: size, make it superfluous, if they can.
 OUTDONE = 0.5
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
 #: many times where something is left and they may.
@@ -379,10 +380,13 @@ def _drawn_over(
 
 
 def _outdone(named: Effect, added: Sequence[Added]) -> bool:
-    """Whether curves at the port of a named effect do so much besides it that it is hardly the right name."""
-    gain = next(a.gain for a in added if same(a.effect, named))
+    """Whether curves at the port of a named effect do so much besides it, or in its place, that it is hardly the right name."""
+    alone = next(a for a in added if same(a.effect, named))
     here = [a for a in added if (a.effect.name, a.effect.port, a.effect.joint) == ("unknown", named.port, named.joint)]
-    return sum(a.gain for a in here) > OUTDONE * gain
+    sizes = [(abs(now), abs(then)) for now, then, p in zip(named.values, alone.effect.values, named.parameters, strict=True)
+             if p.zero is not None and not p.whole]  # fmt: skip
+    less = bool(here) and bool(sizes) and all(now < OUTDONE * then for now, then in sizes)
+    return less or sum(a.gain for a in here) > OUTDONE * alone.gain
 
 
 def _std(state: State, effect: Effect) -> tuple[float, ...]:

@@ -25,6 +25,8 @@ from symgen.plan import Model
 HASTILY, FINELY, FAINTLY, FULLY = 0.03, 0.002, 1e-4, 8
 #: Turns to the force of dry friction, lines of a record, and records about, for a candidate; samples a line until one is chosen.
 FEW_TURNS, FEW_LINES, FEW_RECORDS, FEW_SAMPLES = 15, 250, 20, 6
+#: chi^2 of a height of a learned curve of the size of all, so that one that no record shows stays at nothing.
+UNSEEN_HEIGHT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,10 @@ class Bench:
         held = [p.whole or _drawn_again(e, effects) for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(held, dtype=bool)
-        return replace(problem, free=free, turns=turns, workers=self.workers)
+        drawn = np.array([isinstance(e, Learned) for e in effects for _ in e.values], dtype=bool)
+        weight = np.concatenate([np.zeros(problem.base), UNSEEN_HEIGHT * drawn])
+        expected = (np.zeros(len(weight)), weight) if drawn.any() else None
+        return replace(problem, free=free, turns=turns, workers=self.workers, expected=expected)
 
 
 @dataclass(frozen=True, eq=False)

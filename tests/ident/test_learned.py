@@ -15,7 +15,7 @@ from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.coupled import declared_start
 from ident.curves import curves
-from ident.diagnose import _pruned
+from ident.diagnose import _outdone, _pruned
 from ident.effects.base import Effect, Law, State
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import learned
@@ -127,6 +127,29 @@ def test_a_law_that_comes_back_is_found_with_its_period(name: str, values: tuple
     assert (
         times == pytest.approx(round(times), rel=1e-3) and 1 <= round(times) <= 3
     )  # so often, within a turn of the motor
+
+
+@pytest.mark.parametrize(
+    ("now", "port", "gain", "outdone"),
+    [(0.8, "link", 10.0, False), (0.3, "link", 10.0, True), (0.3, "spring", 10.0, False), (0.8, "link", 60.0, True)],
+)
+def test_curves_outdo_a_name_that_they_leave_little_of(now: float, port: str, gain: float, outdone: bool) -> None:
+    """A name of size 1 that explained 100 when it was alone."""
+    entry = diagnosed.diagnosis().added[0]
+    friction = CATALOGUE["link-coulomb"]
+    curve = learned(port, "velocity", [-1.0, 1.0])(JOINT, (0.0, 0.0))
+    entries = [replace(entry, effect=friction(JOINT, (1.0,)), gain=100.0), replace(entry, effect=curve, gain=gain)]
+    assert _outdone(friction(JOINT, (now,)), entries) == outdone
+
+
+def test_what_no_record_shows_of_a_curve_stays_at_nothing() -> None:
+    tools = bench("detent", 2e-3, TEETH, 0.4)
+    start = first(tools)
+    away = learned("motor", "velocity", [-20.0, 0.0, 20.0, 1000.0, 2000.0])
+    heights = (-1e-4, 0.0, 1e-4, 5e-5, 5e-5)
+    vector, limits = np.concatenate([start.minimum.vector, heights]), ((-np.inf, np.inf),) * 5
+    found = fitted(tools, Refit(vector, (away(JOINT, heights),), (1e-4,) * 5, limits, 3, 1e-9))
+    assert np.abs(found.effects[0].values[-1]) < 1e-6
 
 
 def test_a_name_that_curves_outdo_is_drawn_as_a_curve() -> None:
