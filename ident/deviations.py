@@ -104,8 +104,6 @@ def _links(
         return []
     sigmas = float(np.sqrt(y @ y))
     links = np.linalg.inv(np.linalg.cholesky(C[:D, :D])) @ off[:D]
-    if any(e.port == "structure" for e in problem.effects):
-        return []  # what gives in the structure bends these constants, too
     if float(links @ links) < chi2_distribution.isf(CHANCE, D) or share < SHARES["links"]:
         return _gravity(off[D:], was[D:], C[D:, D:], where[D:], was[D:])
     rows = white @ np.concatenate([model.factoring.W, basis])

@@ -30,6 +30,8 @@ DOF_WANTED = 60
 #: A joint on its way to where it rests moves so much of its swing from one period to the next, and so many times as far as later.
 #: Noise of a mean is that of the lowest lines; times that which a joint on its way moves at least.
 ON_ITS_WAY, SLOWING, LOWEST, BEYOND_NOISE = 0.02, 1.25, 8, 6.0
+#: Odd distortion of the excited joint that dry friction makes, and little else.
+DRY = 0.02
 #: Probability of calling noise a transient, or a distortion, over all tests on one record.
 FALSE_ALARM = 1e-3
 #: Lines judged together when a transient is looked for; it is also looked for in all lines at once.
@@ -184,13 +186,12 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     step = _encoder_step(record.theta)
     first, settled = _settle(record, band, step**2 / (3.0 * S))
     first, mean, noise = most_telling(record, band, first)
-    low = np.sqrt(np.mean(np.abs(noise[:, :LOWEST, n:]) ** 2, axis=(0, 1)) * (P - first))  # of one period
-    arrived = _arrived(record, first, step + low)
-    if arrived > first:
-        first, mean, noise = most_telling(record, band, arrived)
+    excited = np.isin(band, lines)
+    if _detect(band, excited, mean[:, n:], noise[:, :, n:], record).distortion(odd=True)[joint] > DRY:
+        low = np.sqrt(np.mean(np.abs(noise[:, :LOWEST, n:]) ** 2, axis=(0, 1)) * (P - first))  # of one period
+        first, mean, noise = most_telling(record, band, _arrived(record, first, step + low))
     M = P - first
     kept = np.concatenate([record.tau[first * S :], record.theta[first * S :]], axis=1)
-    excited = np.isin(band, lines)
     tau, theta = _fixed(mean[excited, :n]), _fixed(mean[excited, n:])
     silent = lines[np.abs(tau[:, joint]) <= ROUNDING * np.abs(tau[:, joint]).max()]
     if silent.size:
@@ -311,8 +312,8 @@ def _arrived(record: Record, first: int, noise: Array) -> int:
     """Returns the period, not before `first`, from which on no joint is on its way to where it rests, beyond the `noise` [n, rad] of
     its mean; two periods are left at least.
 
-    A linear arm's leakage tells what is on its way. Under dry friction, though, a joint that nearly comes to rest does it in
-    one period and not in another.
+    For an arm under dry friction: a joint that nearly comes to rest does it in one period and not in another. Of a linear arm
+    leakage tells all that is on its way.
     """
     periods = record.theta.reshape(record.periods, record.samples_per_period, -1)
     moves = np.abs(np.diff(periods.mean(axis=1), axis=0))

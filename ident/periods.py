@@ -19,6 +19,8 @@ from ident.trace import Linearised
 CELLS, FINE, POWERS = 8, 4, 24
 #: Lowest order: waves in the range of positions.
 WAVES = 3.0
+#: No joint turns so far in a record [rad, joint side].
+FARTHEST = 200.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +54,15 @@ def spectrum(
     """What waves of the position of a joint at a `side` would explain, acting at a `port`, in the records that excite it.
 
     Orders [1/rad] from the `lowest` (None: that repeats itself in what the records cover) to the `highest`; `dry`: against the
-    motion. None where nothing moves.
+    motion. None where nothing moves, or farther than a joint does.
     """
     own = [k for k, one in enumerate(lin.problem.data) if one.excited == joint]
     places = [lin.motions[side][k].state(joint).at(side)[0] for k in own]
     if not own or not max(x.max() for x in places) > min(x.min() for x in places):
         return None
     low, span = min(x.min() for x in places), max(x.max() for x in places) - min(x.min() for x in places)
+    if span > FARTHEST * (float(lin.problem.data[0].scene.N[joint]) if side == "motor" else 1.0):
+        return None  # the arm is so far from the true one that its links' motion means nothing
     lowest = min(WAVES * 2.0 * np.pi / span, highest) if lowest is None else lowest
     orders = np.geomspace(lowest, highest, POWERS)
     cell = 2.0 * np.pi / (CELLS * highest)

@@ -131,7 +131,7 @@ class LinkFlexibility(Effect):
     )
 
     def impedance(self, s: Complex, arm: Known) -> Complex:
-        """About the joint's axis from the fitted J, less what stays of the link; across it from the declared links."""
+        """About the joint's axis from the fitted J, less what stays of the declared link; across it from the declared links."""
         return self._sprung(arm).on_links(s)
 
     def second_order(self, s: Complex, arm: Known, swing: Swing) -> Complex | None:
@@ -154,8 +154,9 @@ class LinkFlexibility(Effect):
             C, own = coupling(arm.chain, arm.posture, motion[None], i, share)
             weight = _weight(arm, i, motion, share)
         else:
-            motion = twists(arm.chain, arm.posture)[0][i]
-            C = _row(arm, i)[0] - (1.0 - share) * own_inertia(arm.chain, arm.posture, i, motion)
+            motion, row = twists(arm.chain, arm.posture)[0][i], _row(arm, i)[0]
+            link = row if i == arm.chain.n - 1 else own_inertia(arm.chain, arm.posture, i, motion)
+            C = row - (1.0 - share) * link
             own = C[:, [i]]
             weight = _weight(arm, i, motion, share)
         return Sprung(C, own, np.array([k]), np.array([k * damping]), weight)

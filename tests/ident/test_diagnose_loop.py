@@ -90,6 +90,14 @@ def test_a_declared_number_that_is_off_is_named(model: Model, text: str, name: s
     assert first.before > 2.0 * first.after
 
 
+@pytest.mark.bench
+def test_a_load_is_told_beside_a_link_that_bends(model: Model) -> None:
+    found = diagnosed(model, "link-flexibility:stiffness=9000@joint3", "payload:mass=0.6,offset=0.15")
+    assert [(e.name, e.joint) for e in found.end.effects] == [("link-flexibility", 2)]
+    assert [(one.deviation.name, one.deviation.joint) for one in found.off] == [("payload", None)]
+    assert found.off[0].deviation.values[0][1] == pytest.approx(0.6, rel=0.05)
+
+
 def test_a_name_takes_a_curves_place_once_it_explains_the_records() -> None:
     """As after another effect was found: friction that was drawn as a curve is one that has a name."""
     d = by_hand.diagnosis()
