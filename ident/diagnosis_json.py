@@ -259,7 +259,8 @@ def _confounded(
     found: dict[tuple[str, int | None], Separation] = {(other, joint): NEVER for other in never}
     for other, place in tied:
         if (other, place) != (name, joint):
-            found.setdefault((other, place), separation(name, other, joint == place))
+            same = joint == place or None in (joint, place)  # what is of the whole arm is at every joint
+            found.setdefault((other, place), separation(name, other, same))
     return [
         {"name": other, "joint": _joint(c, place), "separate_by": by.separate_by, "recipe": by.recipe}
         for (other, place), by in found.items()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from diagnosed import JOINT, LEVEL, REPORT, SELECT, diagnosis, unexplained
 
-from ident.diagnosis_json import result_document, verdict_document, write
+from ident.diagnosis_json import _confounded, result_document, verdict_document, write
 from ident.effects.learned import learned
 from ident.effects.motor import TorqueRipple
 from ident.errors import IdentError
@@ -141,3 +141,8 @@ def test_a_document_is_written_whole_or_not_at_all(tmp_path):
     assert json.loads(path.read_text()) == {"a": None}
     with pytest.raises(IdentError, match="verdict.json"):
         write({}, tmp_path / "deep" / "verdict.json" / "verdict.json")
+
+
+def test_what_is_of_the_whole_arm_is_at_every_joint():
+    (other,) = _confounded(diagnosis(), "payload", None, [("inertial-parameters", 2)])
+    assert (other["joint"], other["recipe"]) == ("joint3", "mass") and "payload" in other["separate_by"]
