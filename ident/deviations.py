@@ -7,7 +7,11 @@ that its ten parameters allow, a payload in a way that a point mass at the last 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -33,7 +37,8 @@ UNITS = {"J_m": ("inertia", "kgm2"), "D": ("damping", "Nms/rad"), "D_spring": ("
 @dataclass(frozen=True, eq=False)
 class Deviation:
     """A declared number that is off: a name of the catalogue, its joint (from 0; None: the arm), (parameter, value, std,
-    unit) each, how many standard deviations off, and the parameters (indices) with their declared values that undo it.
+    unit) each, how many standard deviations off, the parameters (`indices`) that it changed and by how much: taken off, it is
+    undone.
 
     `tied` are other (name, joint) that explain it as well.
     """
@@ -43,7 +48,7 @@ class Deviation:
     values: tuple[tuple[str, float, float, str], ...]
     sigmas: float
     indices: Array
-    declared: Array
+    change: Array
     tied: tuple[tuple[str, int | None], ...] = ()
 
 
@@ -75,7 +80,9 @@ def _drives(campaign: Campaign, problem: Problem, found: Minimum, covariance: Ar
             if abs(off) > SIGMAS * std and abs(off) > SHARES[field] * was:
                 name, unit = UNITS[field]
                 result.append(
-                    Deviation(NAMES[field], j, ((name, off, std, unit),), abs(off) / std, np.array([k]), np.log([was]))
+                    Deviation(
+                        NAMES[field], j, ((name, off, std, unit),), abs(off) / std, np.array([k]), np.log([now / was])
+                    )
                 )
     return result
 
@@ -83,7 +90,7 @@ def _drives(campaign: Campaign, problem: Problem, found: Minimum, covariance: Ar
 def _links(
     model: Model, basis: Array, problem: Problem, found: Minimum, covariance: Array, hidden: Array
 ) -> list[Deviation]:
-    """The one body, payload or gravity that makes alpha and the gravity constants what they are."""
+    """The bodies, payload or gravity that make alpha and the gravity constants what they are."""
     where = np.arange(4 * problem.n, problem.base)
     D = problem.D
     phi = model.chain.parameters
@@ -102,15 +109,13 @@ def _links(
     alone = chi2_distribution.isf(CHANCE, len(y))
     if float(y @ y) < alone:
         return []
-    sigmas = float(np.sqrt(y @ y))
     links = np.linalg.inv(np.linalg.cholesky(C[:D, :D])) @ off[:D]
     if float(links @ links) < chi2_distribution.isf(CHANCE, D) or share < SHARES["links"]:
-        return _gravity(off[D:], was[D:], C[D:, D:], where[D:], was[D:])
-    rows = white @ np.concatenate([model.factoring.W, basis])
-    return [_body(model, rows, y, sigmas, where, was)]
+        return _gravity(off[D:], was[D:], C[D:, D:], where[D:])
+    return _bodies(Change(model, basis, white, off, was, where))
 
 
-def _gravity(off: Array, was: Array, C: Array, where: Array, declared: Array) -> list[Deviation]:
+def _gravity(off: Array, was: Array, C: Array, where: Array) -> list[Deviation]:
     """Gravity stronger or weaker than declared, by the share that fits best."""
     inverse = np.linalg.inv(C)
     weight = float(was @ inverse @ was)
@@ -120,70 +125,170 @@ def _gravity(off: Array, was: Array, C: Array, where: Array, declared: Array) ->
     if abs(share) < SIGMAS * std:
         return []
     values = (("share", share, std, ""),)
-    return [Deviation("gravity-stiffness", None, values, abs(share) / std, where, declared)]
+    return [Deviation("gravity-stiffness", None, values, abs(share) / std, where, off)]
 
 
-def _body(model: Model, rows: Array, y: Array, sigmas: float, where: Array, was: Array) -> Deviation:
-    """The body whose ten parameters explain the change best: a payload where a point mass at the last does."""
-    n = model.chain.n
-    left, fits = [], []
-    for b in range(n):
-        A = rows[:, 10 * b : 10 * b + 10]
-        phi, *_ = np.linalg.lstsq(A, y, rcond=1e-9)
-        rank = int(np.linalg.matrix_rank(A, tol=1e-9 * np.linalg.norm(A)))
-        r = y - A @ phi
-        left.append(float(r @ r) / max(chi2_distribution.isf(CHANCE, max(len(y) - rank, 1)), 1e-300))
-        fits.append(phi)
-    point = _point_mass(rows[:, 10 * (n - 1) :], y, model)
-    good = [b for b in range(n) if left[b] < 1.0]
-    scaled = _scaled(rows, y, model)
-    best = scaled if scaled is not None else max(good, default=int(np.argmin(left)))
-    if point is not None and point[2] < 1.0 and scaled is None:
-        values = (("mass", point[0], point[3], "kg"), *((f"centre_{a}", float(c), point[3] / max(point[0], 1e-9) * 0.1, "m")
-                  for a, c in zip("xyz", point[1], strict=True)))  # fmt: skip
-        tied = tuple(("inertial-parameters", b) for b in good)
-        return Deviation("payload", None, values, sigmas, where, was, tied)
-    cad = model.chain.parameters[10 * best : 10 * best + 10]
-    size = float(np.linalg.norm(fits[best] * np.abs(cad)) / max(float(cad @ cad), 1e-300))
-    others: tuple[tuple[str, int | None], ...] = tuple(("inertial-parameters", b) for b in good if b != best)
-    if point is not None and point[2] < 1.0:
-        others = (("payload", None), *others)
-    return Deviation("inertial-parameters", best, (("change", size, size / sigmas, ""),), sigmas, where, was, others)
+@dataclass(frozen=True, eq=False)
+class Change:
+    """By how much the constants alpha and of gravity, the parameters `where`, came `off` what they were; `white` whitens it."""
+
+    model: Model
+    basis: Array
+    white: Array
+    off: Array
+    was: Array
+    where: Array
+
+    @property
+    def y(self) -> Array:
+        return np.asarray(self.white @ self.off)
+
+    @cached_property
+    def rows(self) -> Array:
+        """What the ten parameters of each body do to it, in the constants [D + r, 10 n]."""
+        return np.concatenate([self.model.factoring.W, self.basis])
+
+    def by(self, parts: Sequence[Part], x: Array) -> Array:
+        """The change [k, D + r] that each of some parts makes with parameters `x` of all, gravity after the bodies."""
+        D, n = len(self.model.factoring.W), self.model.chain.n
+        ends = np.cumsum([part.numbers for part in parts])
+        found: list[Array] = []
+        for part, own in zip(parts, np.split(x, ends[:-1]), strict=True):
+            if part.body is None:
+                heavier = sum(found, self.was)
+                found.append(own[0] * heavier * (np.arange(len(self.was)) >= D))
+            elif part.numbers == 1:
+                b = slice(10 * part.body, 10 * part.body + 10)
+                found.append(own[0] * self.rows[:, b] @ self.model.chain.parameters[b])
+            else:
+                found.append(self.rows[:, 10 * (n - 1) :] @ _mass_at(self.load(own)))
+        return np.array(found)
+
+    def load(self, x: Array) -> Array:
+        """Mass and centre [4] of a point mass on the ray through the last body's centre, at an offset (x [2]), or anywhere (x [4])."""
+        return x if len(x) == 4 else np.concatenate([x[:1], x[1] * self.ray])
+
+    @cached_property
+    def ray(self) -> Array:
+        """From the last joint through its body's centre of mass; along the axis, where that is on it."""
+        last = self.model.chain.joints[-1]
+        length = float(np.linalg.norm(last.inertia.com))
+        return np.asarray(last.inertia.com / length if length else last.axis)
+
+    def level(self, cost: float, rank: int) -> float:
+        """A sum of squares over what chance leaves after so many numbers."""
+        return cost / max(float(chi2_distribution.isf(CHANCE, max(len(self.off) - rank, 1))), 1e-300)
+
+    def explained(self, parts: Sequence[Part]) -> tuple[float, Array, Array] | None:
+        """(level, parameters, their stds) of the best explanation by some parts, None where a mass would be negative."""
+        reach = max(float(np.linalg.norm(joint.p)) for joint in self.model.chain.joints)
+        loads = [part.numbers - 1 for part in parts if part.is_load]
+        m = loads[0] if loads else 0
+        best = None
+        for point in np.concatenate([np.eye(m), -np.eye(m), np.zeros((1, m))]) * 0.3 * reach:
+            start = np.concatenate([[0.5, *point] if part.is_load else [0.0] for part in parts])
+            scale = np.concatenate([[0.5, *[0.1 * reach + 1e-3] * m] if part.is_load else [0.1] for part in parts])
+            fit = least_squares(lambda x: self.y - self.white @ self.by(parts, x).sum(axis=0), start, x_scale=scale)
+            if best is None or fit.cost < best.cost:
+                best = fit
+        assert best is not None
+        first = np.cumsum([0, *(part.numbers for part in parts)])
+        if any(part.is_load and best.x[k] <= 0.0 for part, k in zip(parts, first, strict=False)):
+            return None
+        std = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)))
+        return self.level(2.0 * best.cost, int(np.linalg.matrix_rank(best.jac))), best.x, std
 
 
-def _scaled(rows: Array, y: Array, model: Model) -> int | None:
-    """The one body that explains the change by being heavier or lighter as a whole, if there is one."""
-    best: tuple[float, int] | None = None
-    for b in range(model.chain.n):
-        a = rows[:, 10 * b : 10 * b + 10] @ model.chain.parameters[10 * b : 10 * b + 10]
-        square = float(a @ a)
-        if square > 0.0:
-            r = y - a * float(a @ y) / square
-            level = float(r @ r) / chi2_distribution.isf(CHANCE, max(len(y) - 1, 1))
-            if level < 1.0 and (best is None or level < best[0]):
-                best = (level, b)
-    return None if best is None else best[1]
+class Part(NamedTuple):
+    """What may have changed, by so many `numbers`: a body as a whole (1), a point mass at the last one, on a ray (2) or anywhere
+    (4), gravity (1; None)."""
+
+    numbers: int
+    body: int | None
+
+    @property
+    def is_load(self) -> bool:
+        return self.numbers > 1
+
+    @property
+    def named(self) -> tuple[str, int | None]:
+        if self.body is None:
+            return "gravity-stiffness", None
+        return ("payload", None) if self.is_load else ("inertial-parameters", self.body)
 
 
-def _point_mass(A: Array, y: Array, model: Model) -> tuple[float, Array, float, float] | None:
-    """(mass, centre, chi^2 over its limit, std of the mass) of the point mass at the last link that explains y = A phi best."""
-    reach = max(float(np.linalg.norm(joint.p)) for joint in model.chain.joints)
+def _bodies(change: Change) -> list[Deviation]:
+    """What makes alpha and the gravity constants what they are: one thing, or two that take fewer numbers than a whole body."""
+    n = change.model.chain.n
+    sigmas = float(np.linalg.norm(change.y))
+    whole = [_any_body(change, b) for b in range(n)]
+    good = [("inertial-parameters", b) for b in range(n) if whole[b][0] < 1.0]
+    scaled, gravity = [Part(1, b) for b in range(n)], Part(1, None)
+    on_ray, load = Part(2, n - 1), Part(4, n - 1)
+    fewest_first: list[list[tuple[Part, ...]]] = [
+        [(one,) for one in scaled],
+        [*combinations(scaled, 2), *((one, gravity) for one in scaled), (on_ray,)],
+        [*((one, on_ray) for one in scaled[:-1]), (on_ray, gravity)],  # the last body with a load is another last body
+        [(load,)],
+        [*((one, load) for one in scaled[:-1]), (load, gravity)],
+    ]
+    for tried in fewest_first:
+        found = [(parts, fit) for parts in tried if (fit := change.explained(parts)) is not None]
+        if not found:
+            continue
+        parts, (level, x, std) = min(found, key=lambda one: one[1][0])
+        if level < 1.0:
+            return _told(change, parts, x, std, _as_well(change, parts, load, good))
+    best = max((b for _, b in good), default=int(np.argmin([level for level, _ in whole])))
+    cad = change.model.chain.parameters[10 * best : 10 * best + 10]
+    size = float(np.linalg.norm(whole[best][1] * np.abs(cad)) / max(float(cad @ cad), 1e-300))
+    tied = tuple(one for one in good if one[1] != best)
+    values = (("change", size, size / sigmas, ""),)
+    return [Deviation("inertial-parameters", best, values, sigmas, change.where, change.off, tied)]
 
-    def phi(x: Array) -> Array:
-        m, (a, b, c) = x[0], x[1:]
-        return m * np.array([1.0, a, b, c, b * b + c * c, -a * b, a * a + c * c, -a * c, -b * c, a * a + b * b])
 
-    best = None
-    for start in np.concatenate([np.eye(3), -np.eye(3), np.zeros((1, 3))]) * 0.3 * reach:
-        fit = least_squares(
-            lambda x: y - A @ phi(x), np.array([0.5, *start]), x_scale=np.array([0.5, *[0.1 * reach + 1e-3] * 3])
-        )
-        if best is None or fit.cost < best.cost:
-            best = fit
-    assert best is not None
-    if best.x[0] <= 0.0:
-        return None
-    information = best.jac.T @ best.jac
-    std = float(np.sqrt(np.linalg.pinv(information)[0, 0]))
-    limit = chi2_distribution.isf(CHANCE, max(len(y) - int(np.linalg.matrix_rank(best.jac)), 1))
-    return float(best.x[0]), best.x[1:], 2.0 * best.cost / limit, std
+def _as_well(
+    change: Change, parts: Sequence[Part], load: Part, good: Sequence[tuple[str, int | None]]
+) -> tuple[tuple[str, int | None], ...]:
+    """What explains the change as well as the one part that does: a load, a body."""
+    if len(parts) > 1:
+        return ()
+    loaded = None if parts[0].is_load else change.explained((load,))
+    others = [*good, load.named] if loaded is not None and loaded[0] < 1.0 else good
+    return tuple(one for one in others if one != parts[0].named)
+
+
+def _told(
+    change: Change, parts: Sequence[Part], x: Array, std: Array, tied: tuple[tuple[str, int | None], ...]
+) -> list[Deviation]:
+    """A deviation for each part; the last one is all that the others are not."""
+    made = change.by(parts, x)
+    made[-1] = change.off - made[:-1].sum(axis=0)
+    result, k = [], 0
+    for part, by in zip(parts, made, strict=True):
+        own, error = x[k : k + part.numbers], std[k : k + part.numbers]
+        k += part.numbers
+        if part.is_load:
+            names, units = ("mass", "centre_x", "centre_y", "centre_z"), ("kg", "m", "m", "m")
+            values = tuple(
+                zip(names, change.load(own).tolist(), np.abs(change.load(error)).tolist(), units, strict=True)
+            )
+        else:
+            values = (("share" if part.body is None else "change", float(own[0]), float(error[0]), ""),)
+        sigmas = float(np.linalg.norm(change.white @ by))
+        result.append(Deviation(*part.named, values, sigmas, change.where, by, tied))
+    return result
+
+
+def _any_body(change: Change, body: int) -> tuple[float, Array]:
+    """(level, ten parameters) of the change of one body that explains most."""
+    A = change.white @ change.rows[:, 10 * body : 10 * body + 10]
+    phi, *_ = np.linalg.lstsq(A, change.y, rcond=1e-9)
+    rank = int(np.linalg.matrix_rank(A, tol=1e-9 * np.linalg.norm(A)))
+    return change.level(float(np.sum((change.y - A @ phi) ** 2)), rank), phi
+
+
+def _mass_at(x: Array) -> Array:
+    """The ten parameters of a point mass x[0] [kg] at x[1:] [m]."""
+    m, (a, b, c) = x[0], x[1:]
+    return np.asarray(m * np.array([1.0, a, b, c, b * b + c * c, -a * b, a * a + c * c, -a * c, -b * c, a * a + b * b]))

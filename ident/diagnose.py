@@ -284,7 +284,7 @@ def _kept(bench: Bench, state: State, declared: Sequence[Deviation]) -> State:
     problem, vector = state.problem, state.minimum.vector.copy()
     free = problem.free.copy()
     for one in declared:
-        vector[one.indices] = one.declared
+        vector[one.indices] -= one.change
         free[one.indices] = False
     problem = replace(problem, free=free)
     minimum = minimise(problem, vector, (), 1, FINELY)

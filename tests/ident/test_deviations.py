@@ -1,0 +1,64 @@
+"""What made the constants of an arm other than declared: told by the fewest numbers, each at its size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.deviations import Change, _bodies
+from ident.evidence import gravity_basis
+from symgen.plan import chain_of_robot, make_model
+from symgen.robot import load_robot
+
+ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+#: Standard deviation of every constant, of the largest.
+NOISE = 1e-4
+
+
+def changed(
+    mass: float = 0.0, bodies: tuple[float, ...] = (0.0, 0.0, 0.0), gravity: float = 0.0, aside: float = 0.0
+) -> Change:
+    """The change by a point mass [kg] 0.15 m from the last joint, bodies and gravity heavier by shares, the last one's centre aside [m]."""
+    model = make_model(chain_of_robot(ROBOT), believe_zeros=True)
+    basis = gravity_basis(model, np.asarray(ROBOT.gravity))
+    rows = np.concatenate([model.factoring.W, basis])
+    phi = model.chain.parameters.copy()
+    was = rows @ phi
+    phi *= np.repeat(1.0 + np.array(bodies), 10)
+    x, y, z = 0.0, 0.15, 0.0
+    phi[20:] += mass * np.array([1.0, x, y, z, y * y + z * z, -x * y, x * x + z * z, -x * z, -y * z, x * x + y * y])
+    phi[22] += aside * phi[20]
+    now = rows @ phi
+    now[len(model.factoring.W) :] *= 1.0 + gravity
+    size = NOISE * np.abs(was).max()
+    off = now - was + size * np.random.default_rng(4).normal(size=len(was))
+    return Change(model, basis, np.eye(len(was)) / size, off, was, np.arange(len(was)))
+
+
+@pytest.mark.parametrize(
+    ("how", "told"),
+    [
+        ({"bodies": (0.0, 0.2, 0.0)}, {("inertial-parameters", 1): 0.2}),
+        ({"bodies": (0.3, -0.2, 0.0)}, {("inertial-parameters", 0): 0.3, ("inertial-parameters", 1): -0.2}),
+        ({"bodies": (0.0, 0.0, 0.2), "gravity": 0.1}, {("inertial-parameters", 2): 0.2, ("gravity-stiffness", None): 0.1}),
+        ({"mass": 0.5}, {("payload", None): 0.5}),
+        ({"mass": 0.5, "gravity": -0.2}, {("payload", None): 0.5, ("gravity-stiffness", None): -0.2}),
+        ({"mass": 0.5, "bodies": (-0.3, 0.0, 0.0)}, {("payload", None): 0.5, ("inertial-parameters", 0): -0.3}),
+    ],
+)  # fmt: skip
+def test_what_changed_is_told_with_its_size(how: dict[str, object], told: dict[tuple[str, int | None], float]) -> None:
+    change = changed(**how)  # type: ignore[arg-type]
+    found = _bodies(change)
+    sizes = {(one.name, one.joint): one.values[0][1:3] for one in found}
+    assert sizes.keys() == told.keys()
+    assert all(abs(value - told[key]) < 4.0 * std for key, (value, std) in sizes.items())
+    np.testing.assert_allclose(sum(one.change for one in found), change.off, atol=1e-12)  # all undone: as declared
+
+
+def test_a_body_that_changed_in_another_way_is_told_alone_and_what_does_as_well() -> None:
+    (one,) = _bodies(changed(bodies=(0.0, 0.0, 0.2), aside=-0.05))
+    assert (one.name, one.joint) == ("inertial-parameters", 2)
+    (other,) = _bodies(changed(mass=0.5))
+    assert ("inertial-parameters", 2) in other.tied
