@@ -44,6 +44,7 @@ from ident.trials import (
     polished,
     promising,
     refitted,
+    resting,
     since,
     told,
 )
@@ -211,10 +212,10 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
     added: list[Added] = []
     progress(f"the declared arm: chi2 {excess(bench, state):.3g} a degree of freedom")
     for _ in range(MOST_EFFECTS):
-        little = _left(bench, start, state) < ENOUGH and excess(bench, state) <= CLOSE
-        if (added and little) or not _departs(bench, state):
+        little = bool(added) and _left(bench, start, state) < ENOUGH and excess(bench, state) <= CLOSE
+        if not _departs(bench, state) or (little and excess(bench, state) <= NAMED):
             break
-        step = _round(bench, state, start.select, progress)
+        step = _round(bench, state, start.select, progress, little)
         if step is None:
             break
         state, entry = step
@@ -304,10 +305,14 @@ def _departs(bench: Bench, state: State) -> bool:
     return bool(groups(bench, state, bench.split.fit + bench.split.select)) or excess(bench, state) > 1.1
 
 
-def _round(bench: Bench, state: State, first: float, progress: Callable[[str], None]) -> tuple[State, Added] | None:
-    """The model with one effect more, if any earns it; `first` is chi^2 on the choosing records before any was added."""
+def _round(
+    bench: Bench, state: State, first: float, progress: Callable[[str], None], little: bool
+) -> tuple[State, Added] | None:
+    """The model with one effect more, if any earns it; `first` is chi^2 on the choosing records before any was added. Where
+    `little` is left, only of those that promise most of it."""
     lin = linearised(state.problem, state.minimum.vector)
-    tried = polished(bench, hasty(bench, state, lin, first, progress), first, progress)
+    begun = resting(bench, state, lin, progress) if little else hasty(bench, state, lin, first, progress)
+    tried = polished(bench, begun, first, progress)
     best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best[1].select):
         return None

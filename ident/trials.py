@@ -60,6 +60,8 @@ CLOSE = 3.0
 #: Share of what was in excess without effects below which nothing more is looked for once little is left; where much is, an
 #: effect that does less has to leave less than this share of it.
 ENOUGH, REST = 3e-3, 0.2
+#: Share of a small rest that an effect must promise to be tried.
+MOST = 0.5
 
 
 #: A candidate as it was promised, and the model refitted with it.
@@ -115,6 +117,13 @@ def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: C
     if found is None or only_impedance(found):
         tried += _from_declared(bench, state, found, progress)
     return tried
+
+
+def resting(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+    """The names that promise most of the little that known effects leave, hastily refitted."""
+    wanted = MOST * max(lin.chi2 - degrees(state.problem.data), 1.0)
+    likely = [c for c in catalogue(lin, state.effects, bench.workers)[:FINALISTS] if c.gain > wanted]
+    return refitted(bench, state, [(c, lin) for c in likely], progress)
 
 
 def _explaining(bench: Bench, tried: Sequence[Tried], first: float) -> Effect | None:

@@ -98,6 +98,15 @@ def test_a_load_is_told_beside_a_link_that_bends(model: Model) -> None:
     assert found.off[0].deviation.values[0][1] == pytest.approx(0.6, rel=0.05)
 
 
+@pytest.mark.bench
+def test_what_leaves_a_thousandth_of_what_another_left_is_told_where_it_is_all_that_is_left(model: Model) -> None:
+    found = diagnosed(
+        model, "motor-coupling:ratio=-0.035@joint2", "encoder-eccentricity:amplitude=0.012,order=1@joint3"
+    )
+    assert [(e.name, e.joint) for e in found.end.effects] == [("motor-coupling", 1), ("encoder-eccentricity", 2)]
+    assert found.after.all < 1.1 * found.after.noise
+
+
 def test_a_name_takes_a_curves_place_once_it_explains_the_records() -> None:
     """As after another effect was found: friction that was drawn as a curve is one that has a name."""
     d = by_hand.diagnosis()
