@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm_fit import chi_squared, hold
 from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
 from ident.curves import curves
-from ident.effects.base import Effect, has_forces, only_impedance
+from ident.effects.base import Effect, Law, has_forces, only_impedance
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Learned
 from ident.forked import forked
@@ -212,9 +212,14 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     if best_name is None:
         return found
     better = _otherwise(bench, best_name[1], progress)
-    if not explains(bench, better, first):
+    if not explains(bench, better, first) or (_winds_up(better.effects[-1]) and excess(bench, better) > NAMED):
         better = elsewhere(bench, better, better.effects[-1], progress)
     return [(one[0], better) if one is best_name else one for one in found]
+
+
+def _winds_up(effect: Effect) -> bool:
+    """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
+    return isinstance(effect, Law) and not effect.linear and not effect.dry
 
 
 def _once(named: Sequence[Tried]) -> list[Tried]:
