@@ -66,6 +66,7 @@ def test_what_is_pressed_against_its_bound_is_left_there() -> None:
     np.testing.assert_allclose(away, -inside)
 
 
+@pytest.mark.bench
 def test_a_winding_valley_is_followed_by_its_bend() -> None:
     """A spring behind a spring: from far along the valley of their stiffnesses, straight steps go 5 % of the way."""
     robot = load_robot(ROOT / "robots/ypp3")

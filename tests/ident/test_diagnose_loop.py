@@ -81,6 +81,7 @@ def test_an_effect_is_named_sized_and_gone(model: Model, text: str, name: str, j
         pytest.param("motor-inertia:inertia=8e-6@joint1", "motor-inertia", 0, 8e-6, marks=pytest.mark.bench),
     ],
 )
+@pytest.mark.bench
 def test_a_declared_number_that_is_off_is_named(model: Model, text: str, name: str, joint: int, value: float) -> None:
     found = diagnosed(model, text)
     assert found.status == "effect-found" and not found.added

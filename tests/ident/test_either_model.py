@@ -43,6 +43,11 @@ def test_zeros_are_believed_where_an_effect_then_explains_the_records() -> None:
     assert [(e.name, e.joint) for e in found.end.effects] == [("input-delay", JOINT)]
     assert found.model.factoring.believed
     assert len(notes) == 1 and "believed to be zero" in notes[0]
+
+
+@pytest.mark.bench
+def test_general_links_beside_what_was_found_leave_as_much() -> None:
+    found, _ = diagnose_either(campaign(DELAY))
     general = begin(campaign(DELAY), make_model(chain_of_robot(SHORT)), found.responses)
     assert len(general.bench.model.alpha_cad) > len(found.model.alpha_cad)
     assert general.left_beside(found) == pytest.approx(found.left, rel=0.1)
