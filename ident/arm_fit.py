@@ -164,12 +164,11 @@ def _bend(
     ahead = vector + AHEAD * problem.scale * step
     with np.errstate(all="ignore"):  # a bend beyond numbers is none
         for one, kept in zip(problem.data, held, strict=True):
-            r, slopes, columns = residual(problem, vector, one, kept.moved, derive=True, judged=True)
-            there = residual(problem, ahead, one, kept.moved, judged=True)[0]
-            A = slopes * problem.scale[columns]
-            curved = 2.0 / AHEAD * ((there - r) / AHEAD - A @ step[columns])
-            W = kept.W[one.use]
-            pushed[columns] += 2.0 * ((W @ A).reshape(-1, len(columns)).conj().T @ (W @ curved[..., None]).ravel()).real
+            white, A, columns = _whitened(problem, vector, one, kept)
+            r = residual(problem, ahead, one, kept.moved, judged=True)[0]
+            there = (kept.W[one.use] @ r[..., None]).ravel()
+            curved = 2.0 / AHEAD * ((there - white) / AHEAD - A @ step[columns])
+            pushed[columns] += 2.0 * (A.conj().T @ curved).real
         bend, size = 0.5 * _step(problem, vector, pushed, information, damping), np.sqrt(np.diag(information))
         small = np.linalg.norm(size * bend) < BEND * np.linalg.norm(size * step)
     return bend if small else np.zeros_like(bend)
@@ -348,15 +347,20 @@ def normal_equations(problem: Problem, vector: Array, held: Sequence[Held]) -> t
     """Returns chi^2, half its gradient [P] and half its Gauss-Newton Hessian [P, P] per step of `scale`: the information."""
     chi2, slope, information = _unexpected(problem, vector)
     for one, kept in zip(problem.data, held, strict=True):
-        r, slopes, columns = residual(problem, vector, one, kept.moved, derive=True, judged=True)
-        W = kept.W[one.use]
-        A = (W @ (slopes * problem.scale[columns])).reshape(-1, len(columns))
-        white = (W @ r[..., None]).ravel()
+        white, A, columns = _whitened(problem, vector, one, kept)
         chi2 += 2.0 * float(np.vdot(white, white).real)
         slope[columns] += 2.0 * (A.conj().T @ white).real
         real = np.concatenate([A.real, A.imag])
         information[np.ix_(columns, columns)] += 2.0 * (real.T @ real)
     return chi2, slope, information
+
+
+def _whitened(problem: Problem, vector: Array, one: Evidence, kept: Held) -> tuple[Complex, Complex, NDArray[np.int64]]:
+    """Returns the whitened residual of a record [L m], its derivatives [L m, C] per step of `scale`, and their parameters [C]."""
+    r, slopes, columns = residual(problem, vector, one, kept.moved, derive=True, judged=True)
+    W = kept.W[one.use]
+    A = (W @ (slopes * problem.scale[columns])).reshape(-1, len(columns))
+    return (W @ r[..., None]).ravel(), A, columns
 
 
 def _unexpected(problem: Problem, vector: Array) -> tuple[float, Array, Array]:

@@ -139,7 +139,7 @@ class Change:
     was: Array
     where: Array
 
-    @property
+    @cached_property
     def y(self) -> Array:
         return np.asarray(self.white @ self.off)
 

@@ -11,19 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arm_fit import chi_squared, hold, minimise, spectrum
+from ident.arm_fit import spectrum
 from ident.campaign import Campaign
 from ident.candidates import catalogue
+from ident.contradicted import Off, contradicted
 from ident.coupled import declared_start
 from ident.curves import curves
 from ident.departures import Departure, Errors, departures, errors, groups
-from ident.deviations import Deviation, deviations
 from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.parts import Split, degrees, split, split_lines
-from ident.refits import FINELY, Bench, Refit, State, all_fitted, excess, first, linearised, same, without
+from ident.refits import Bench, Refit, State, all_fitted, excess, first, linearised, same, without
 from ident.trace import port_shares
 from ident.trials import (
     ALIKE,
@@ -50,8 +50,8 @@ from ident.trials import (
 )
 from symgen.plan import Model
 
-#: Effects added at most, and declared numbers corrected.
-MOST_EFFECTS, MOST_OFF = 4, 6
+#: Effects added at most.
+MOST_EFFECTS = 4
 #: A learned curve needs this share of all that was in excess to be added.
 CURVE_SHARE = 0.05
 #: Curves at the port of a name that together do more than this share of what it did, or leave it less than this share of its
@@ -83,17 +83,6 @@ class Added:
     rivals: tuple[tuple[Effect, float], ...]
     tied: tuple[Effect, ...]
     port_shares: tuple[tuple[str, int, float], ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Off:
-    """A declared number that is off, held-out errors with it (and all less sure ones) as declared, and with it free;
-    `without` is the model that keeps it."""
-
-    deviation: Deviation
-    before: float
-    after: float
-    without: State
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +161,7 @@ class Begun:
             replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if same(a.effect, e)
         )
         before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
-        off = () if left else _off(bench, state)
+        off = () if left else contradicted(bench, state)
         if off:
             before = errors(bench, off[0].without, bench.split.report) if not final else before
         status = "unexplained" if left else "effect-found" if final or off else "explained"
@@ -263,35 +252,6 @@ def _left_over(bench: Bench, start: State, state: State, added: Sequence[Added])
     """What stays unexplained, but for the small rest that known effects may leave."""
     little = added and _left(bench, start, state) < LEFT and excess(bench, state) < CLOSE**2
     return () if little else departures(bench, state)
-
-
-def _off(bench: Bench, state: State) -> tuple[Off, ...]:
-    """Declared numbers that the fitted arm contradicts, with the errors when they are kept: all, then one less at a time."""
-    found = deviations(bench.campaign, bench.model, bench.basis, state.problem, state.minimum)[:MOST_OFF]
-    result = []
-    report, dof = bench.split.report, degrees(bench.split.select)
-    kept_last = state
-    for k in range(len(found) - 1, -1, -1):  # keep the least sure one, then the two least sure, ..
-        kept = _kept(bench, state, found[k:])
-        if kept.select < kept_last.select + LEAST_GAIN + max(state.select - dof, 0.0) / 2.0:
-            continue
-        result.append(Off(found[k], errors(bench, kept, report).all, errors(bench, kept_last, report).all, kept))
-        kept_last = kept
-    return tuple(reversed(result))
-
-
-def _kept(bench: Bench, state: State, declared: Sequence[Deviation]) -> State:
-    """The model refitted with these numbers as declared."""
-    problem, vector = state.problem, state.minimum.vector.copy()
-    free = problem.free.copy()
-    for one in declared:
-        vector[one.indices] -= one.change
-        free[one.indices] = False
-    problem = replace(problem, free=free)
-    minimum = minimise(problem, vector, (), 1, FINELY)
-    chosen = replace(problem, data=bench.split.select)
-    select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
-    return replace(state, minimum=minimum, problem=problem, select=select)
 
 
 def _left(bench: Bench, start: State, state: State) -> float:

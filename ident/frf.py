@@ -14,12 +14,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
 from scipy.stats import gamma
 
 from ident.campaign import Array, Campaign, Record
 from ident.errors import CampaignError
 from ident.leakage import BINS, ORDER, ROUNDING, Complex, between_lines, most_telling, moving_average
+from ident.settling import FALSE_ALARM, arrived, settled_from
 
 __all__ = ["BINS", "ORDER", "ROUNDING", "Complex", "Detection", "Frf", "Spectra", "estimate", "moving_average"]
 
@@ -27,15 +27,8 @@ __all__ = ["BINS", "ORDER", "ROUNDING", "Complex", "Detection", "Frf", "Spectra"
 USABLE = 10.0
 #: Degrees of freedom wanted for a variance: an estimate then scatters by sqrt(2/60) = 18 %.
 DOF_WANTED = 60
-#: A joint on its way to where it rests moves so much of its swing from one period to the next, and so many times as far as later.
-#: Noise of a mean is that of the lowest lines; times that which a joint on its way moves at least.
-ON_ITS_WAY, SLOWING, LOWEST, BEYOND_NOISE = 0.02, 1.25, 8, 6.0
 #: Odd distortion of the excited joint that dry friction makes, and little else.
 DRY = 0.02
-#: Probability of calling noise a transient, or a distortion, over all tests on one record.
-FALSE_ALARM = 1e-3
-#: Lines judged together when a transient is looked for; it is also looked for in all lines at once.
-GROUP = 10
 #: A mean posture further than this from the declared one, rad or m, is reported: J(q) may be off by about 2 %.
 POSTURE_TOLERANCE = 0.02
 #: A mean that moves by more than this over the kept periods, rad or m, is reported: J(q) is constant to 0.5 % only.
@@ -184,12 +177,13 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     P, S, n = record.periods, record.samples_per_period, campaign.n
     lines, band = np.asarray(record.lines), np.arange(record.lines[0], record.lines[-1] + 1)
     step = _encoder_step(record.theta)
-    first, settled = _settle(record, band, step**2 / (3.0 * S))
+    first, settled = settled_from(record, band, step**2 / (3.0 * S))
     first, mean, noise = most_telling(record, band, first)
     excited = np.isin(band, lines)
-    if _detect(band, excited, mean[:, n:], noise[:, :, n:], record).distortion(odd=True)[joint] > DRY:
-        low = np.sqrt(np.mean(np.abs(noise[:, :LOWEST, n:]) ** 2, axis=(0, 1)) * (P - first))  # of one period
-        first, mean, noise = most_telling(record, band, _arrived(record, first, step + low))
+    detection = _detect(band, excited, mean[:, n:], noise[:, :, n:], record)
+    if detection.distortion(odd=True)[joint] > DRY and (later := arrived(record, first, step, noise[:, :, n:])) > first:
+        first, mean, noise = most_telling(record, band, later)
+        detection = _detect(band, excited, mean[:, n:], noise[:, :, n:], record)
     M = P - first
     kept = np.concatenate([record.tau[first * S :], record.theta[first * S :]], axis=1)
     tau, theta = _fixed(mean[excited, :n]), _fixed(mean[excited, n:])
@@ -212,7 +206,6 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     offset = rest.mean(axis=0)[n:] / campaign.N - deflection - record.posture
     status = [] if settled else [_unsettled(record, first)]
     status += _posture_status(record, campaign, drift, offset)
-    detection = _detect(band, excited, mean[:, n:], noise[:, :, n:], record)
     whole = Spectra(
         band, record.f0, excited, _fixed(mean[:, :n]), _fixed(mean[:, n:]), _fixed(noise),
         rest.mean(axis=0)[:n], rest.mean(axis=0)[n:], _beyond(kept, M, band),
@@ -280,47 +273,6 @@ def _encoder_step(theta: Array) -> Array:
     change[change == 0.0] = np.inf
     smallest = change.min(axis=0)
     return np.where(np.isfinite(smallest), smallest, 0.0)
-
-
-def _settle(record: Record, band: NDArray[np.int64], floor: Array) -> tuple[int, bool]:
-    """Returns the first settled period and whether that could be tested and was passed, from the angles of all joints.
-
-    Going backwards, a period joins the settled ones as long as it and its successor differ, leakage taken off, by no
-    more noise than the pairs after them. Slow noise and the smooth part of a transient leak into all lines alike and
-    are taken off with the leakage; what is left of a transient or a disturbance is not. Power ratios of a line are
-    F distributed; their geometric mean over a few lines, or all, is compared with that distribution as if it were one
-    line, because the lines share bins. `floor` [n] is the quantisation variance of a line of one period.
-    """
-    P, S = record.periods, record.samples_per_period
-    groups = max(len(band) // GROUP, 1)
-    dof = 2 * (BINS - ORDER)
-    limit = np.log(f_distribution.isf(FALSE_ALARM / (P * (groups + 1) * record.theta.shape[1]), dof, dof))
-    later: list[Array] = []
-    for start in range(P - 2, -1, -1):
-        mean, noise, _ = between_lines(record.theta[start * S : (start + 2) * S], 2, band)
-        power = np.mean(np.abs(noise) ** 2, axis=0) + floor + (ROUNDING * np.abs(mean).max(axis=0)) ** 2
-        power = np.maximum(power, np.finfo(float).tiny)  # a rigid joint
-        if later:
-            ratio = np.log(power) - np.log(np.mean(later, axis=0))
-            if max(part.mean(axis=0).max() for part in (ratio, *np.array_split(ratio, groups))) > limit:
-                return start + 1, start < P - 3
-        later.append(power)
-    return 0, P > 2
-
-
-def _arrived(record: Record, first: int, noise: Array) -> int:
-    """Returns the period, not before `first`, from which on no joint is on its way to where it rests, beyond the `noise` [n, rad] of
-    its mean; two periods are left at least.
-
-    For an arm under dry friction: a joint that nearly comes to rest does it in one period and not in another. Of a linear arm
-    leakage tells all that is on its way.
-    """
-    periods = record.theta.reshape(record.periods, record.samples_per_period, -1)
-    moves = np.abs(np.diff(periods.mean(axis=1), axis=0))
-    far = moves > ON_ITS_WAY * periods[-1].std(axis=0) + BEYOND_NOISE * noise
-    while first < len(moves) - 1 and np.any(far[first] & (moves[first] > SLOWING * moves[first + 1 :].max(axis=0))):
-        first += 1
-    return first
 
 
 def _averaging(L: int, bins_per_line: int) -> tuple[int, float]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arm_fit import chi_squared, hold
+from ident.campaign import Array
 from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
 from ident.curves import curves
 from ident.effects.base import Effect, Law, has_forces, only_impedance
@@ -292,8 +293,7 @@ def fully(bench: Bench, state: State) -> State:
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
         state = min(all_fitted(bench, starts), key=lambda other: other.minimum.chi2)
         if excess(bench, state) > NAMED:  # springs behind each other may have changed places
-            arm = np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
-            declared = replace(state, minimum=replace(state.minimum, vector=arm))
+            declared = replace(state, minimum=replace(state.minimum, vector=_declared(bench, state)))
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
             state = min([state, *all_fitted(bench, starts)], key=lambda other: other.minimum.chi2)
     return fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
@@ -301,12 +301,16 @@ def fully(bench: Bench, state: State) -> State:
 
 def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
     """The model, or a better one fitted from the declared arm: what was missing has led this one far astray."""
-    vector = np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
-    other = fitted(bench, replace(Refit.of(state), vector=vector, outer=FULLY, roughly=FAINTLY))
+    other = fitted(bench, replace(Refit.of(state), vector=_declared(bench, state), outer=FULLY, roughly=FAINTLY))
     if other.select >= state.select:
         return state
     progress(f"  from the declared arm again: {excess(bench, other):.4g}")
     return other
+
+
+def _declared(bench: Bench, state: State) -> Array:
+    """The declared arm with the effects of a model."""
+    return np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
 
 
 def _resized(state: State, effect: Effect, which: Sequence[int], factors: Sequence[float]) -> list[Refit]:
