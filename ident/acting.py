@@ -28,6 +28,9 @@ TRUST, DOUBT = 1e-4, 0.3
 #: Times the forces are computed from the links that they move.
 PASSES = 2
 
+#: A velocity, and the dry friction against it [S].
+Slid = tuple[Array, Array]
+
 
 @dataclass(frozen=True, eq=False)
 class Moved:
@@ -35,7 +38,7 @@ class Moved:
 
     Where the motion was found together with forces: these, `found` at the lines [L], and in time of the motion alone, `base` [S].
     `springy` are the positions [S] at ports whose force follows from them, `rubbing` the velocities at those with dry friction:
-    the best line through force and position is stiffness there, through force and velocity damping.
+    the best line through force and position is stiffness there, through force and velocity damping. `slid` tells how it was found.
     """
 
     motion: Motion
@@ -44,6 +47,7 @@ class Moved:
     base: Mapping[tuple[str, int], Array] = field(default_factory=dict)
     springy: Mapping[tuple[str, int], Array] = field(default_factory=dict)
     rubbing: Mapping[tuple[str, int], Array] = field(default_factory=dict)
+    slid: Mapping[tuple[str, int], Slid] = field(default_factory=dict)
 
     @property
     def lined(self) -> bool:

@@ -40,6 +40,8 @@ UNSEEN_INFORMATION = 1e-2
 INFORMATION_ROUNDING = 1e-13
 #: Share of itself, or of its scale, by which an effect's parameter is changed to see what it does; of itself, what its impedance depends on.
 NUDGE, IMPEDANCE_NUDGE = 1e-4, 1e-6
+#: Dry friction stops a joint within so small a part of a sample that it takes so many times as many.
+STOPS = 2
 #: What of `Extra` is forces and readings.
 FORCES = ("on_motor", "on_link", "reading")
 
@@ -85,11 +87,14 @@ class Problem:
         return tuple(found)
 
     def scene(self, one: Evidence, effects: Sequence[Effect]) -> Scene:
-        """The record's scene, at the posture where the effects put the arm."""
-        q = one.scene.posture
+        """The record's scene, at the posture where the effects put the arm, told finely enough for them."""
+        scene, q = one.scene, one.scene.posture
         for effect in effects:
             q = effect.posture(q)
-        return one.scene if q is one.scene.posture else replace(one.scene, arm=self.posture_of(one, q), posture=q)
+        if q is not scene.posture:
+            scene = replace(scene, arm=self.posture_of(one, q), posture=q)
+        stops = any(effect.dry for effect in effects)
+        return replace(scene, oversampled=STOPS * scene.oversampled) if stops else scene
 
 
 @dataclass(frozen=True)
@@ -119,8 +124,9 @@ def minimise(
     """
     converged, winding, damping, chi2, last = False, False, 1e-3, np.inf, np.inf
     information = np.zeros((len(vector), len(vector)))
+    held: list[Held] = []
     for doubt in (*doubts, *[0.0] * outer):
-        held = hold(problem, vector, doubt)
+        held = hold(problem, vector, doubt, held)
         chi2, slope, information = normal_equations(problem, vector, held)
         begin, settled, damping = vector, False, min(damping, 1e-3)
         for _ in range(FEW if roughly else INNER):
@@ -194,17 +200,19 @@ class Held:
     moved: Moved | None
 
 
-def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
-    """Weights and motions of all records, for the arm at `vector`."""
+def hold(problem: Problem, vector: Array, doubt: float = 0.0, last: Sequence[Held] = ()) -> list[Held]:
+    """Weights and motions of all records, for the arm at `vector`; `last` those of an arm near it."""
     whole, effects = problem.parameters(vector), problem.effects_at(vector)
 
-    def held(one: Evidence) -> Held:
+    def held(item: tuple[Evidence, Held | None]) -> Held:
+        one, before = item
         p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
         powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear_extra(scene, p, effects))
         how = moved(scene, p, effects)
         if how is not None and problem.turns and any(map(has_forces, effects)):
-            how = smoothed(scene, p, effects, how, one.sampling, powers, problem.turns)
+            slid = before.moved.slid if before is not None and before.moved is not None else None
+            how = smoothed(scene, p, effects, how, one.sampling, powers, problem.turns, slid)
         if how is not None and how.lined:
             linear = linear_part(scene, p, effects, how)
             powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
@@ -212,7 +220,9 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
         W = W if one.judged is None else W * one.judged[:, None, None]
         return Held(W, how)
 
-    return list(forked(held, problem.data, problem.workers if any(map(has_forces, effects)) else 1))
+    before: Sequence[Held | None] = last or [None] * len(problem.data)
+    items = list(zip(problem.data, before, strict=True))
+    return list(forked(held, items, problem.workers if any(map(has_forces, effects)) else 1))
 
 
 def in_record(p: Parameters, effects: Sequence[Effect], record: int) -> Parameters:

@@ -144,7 +144,7 @@ def reconstructed(d: Diagnosis, effect: Effect) -> Force | None:
     left = residual(d.end.problem, d.end.minimum.vector, with_it, moved)[0]
     explained = r - (lin.W[at] @ left[..., None])[..., 0]
     law = _law(effect, motion)
-    scene = one.scene
+    scene = d.end.problem.scene(with_it, d.end.effects)
     if law is None:
         shown = scene.in_time(_along(ports[key], explained)[0][:, None])[:, 0]
         level = 0.0

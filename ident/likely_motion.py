@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from ident.arm_model import Parameters, Sampling, response, stiffness, transfer
 from ident.campaign import Array
 from ident.effects.base import Effect, Motion
 from ident.frf import Complex
-from ident.scene import Scene, linear_extra
+from ident.scene import Scene, known, linear_extra
 from ident.whitening import Powers
 
 #: A port ("motor", "spring", "link", or the "reading") and a joint, from 0, of those that move.
@@ -63,6 +64,7 @@ class LikelyMotion:
     inside: NDArray[np.bool_]
     certainty: Complex
     trust: Complex
+    effects: tuple[Effect, ...]
 
     @staticmethod
     def of(
@@ -80,7 +82,7 @@ class LikelyMotion:
         second = np.zeros_like(wide.theta) if second is None else second
         return LikelyMotion(
             wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), linear.angle_gain, second,
-            np.isin(wide.lines, scene.lines), certainty, of_model @ certainty,
+            np.isin(wide.lines, scene.lines), certainty, of_model @ certainty, tuple(effects),
         )  # fmt: skip
 
     def predicted(self, on: Forces) -> tuple[Complex, Complex, Complex]:
@@ -111,6 +113,30 @@ class LikelyMotion:
         unit = none | {key: Force(np.ones_like(none[key].lines), 0.0)}
         moved = [self._at(key, forces) for forces in (on, unit, none)]
         return self.scene.s * moved[0], self.scene.s * (moved[1] - moved[2])
+
+    @cached_property
+    def images(self) -> Complex:
+        """Torques [S/2 + 1, m] of the motors above all lines, at each multiple of f0: what a torque has there that is held
+        between samples."""
+        scene, harmonics = self.scene, np.arange(self.scene.samples // 2 + 1)
+        images = np.zeros((len(harmonics), len(scene.arm.live)), dtype=complex)
+        beyond = harmonics[harmonics > scene.lines[-1]]
+        if scene.hold != "zoh" or not len(beyond):
+            return images
+        a_period = round(scene.fs / scene.f0)
+        rest = beyond % a_period
+        mirrored = rest > a_period // 2
+        of_line = np.zeros((a_period // 2 + 1, len(scene.arm.live)), dtype=complex)
+        of_line[scene.lines] = scene.tau
+        tau = of_line[np.where(mirrored, a_period - rest, rest)]
+        s = 2j * np.pi * scene.f0 * beyond
+        tau = np.where(mirrored[:, None], tau.conj(), tau) * (-np.expm1(-s / scene.fs) * scene.fs / s)[:, None]
+        arm = known(scene, self.p)
+        for e in self.effects:
+            gain = e.torque_gain(s, arm)
+            tau = tau if gain is None else tau * gain[:, scene.arm.live]
+        images[beyond] = tau
+        return images
 
     def _at(self, key: Key, on: Forces) -> Complex:
         """The position [L] at a port."""

@@ -1,7 +1,7 @@
 """How an arm with effects moves from one sample to the next.
 
-A law acts as a force held over a step of the integrator at its value half-way: second order, and a friction that stops a
-joint is found with the motion that it stops (backward Euler where it is stiff): a dry contact neither creeps nor rings.
+A law acts as a force held over a step of the integrator at its value half-way: second order. A friction that stops or turns a
+joint is found with the motion that it stops, followed within the step: a dry contact neither creeps nor rings.
 """
 
 from __future__ import annotations
@@ -134,6 +134,8 @@ class Machine:
         if self._ports or self._driven:
             self._push()
         mujoco.mj_step(model, data)
+        if any(port.ahead for port in self._ports):
+            self._catch_up()
         if before:
             here = [moment for moment in self._moments if moment[3] == j]
             for (k, _, part, _), (x, v) in zip(here, before, strict=True):
@@ -173,6 +175,15 @@ class Machine:
                 for dof, factor in port_.push:
                     applied[dof] += factor * port_.F
         data.qfrc_applied[:] = applied
+
+    def _catch_up(self) -> None:
+        """Takes ports to where a torque that is not even over the step has brought them."""
+        push, further = np.zeros(self._model.nv), np.zeros((1, self._model.nv))
+        for k, port in enumerate(self._ports):
+            for dof, factor in port.push:
+                push[dof] += factor * port.ahead / self._W[k][k]
+        mujoco.mj_solveM(self._model, self._data, further, push[None])
+        self._data.qpos[:] += further[0]
 
     def _half_way(self, x: list[float], v: list[float], a: list[float]) -> None:
         """Puts the motion in the middle of the next step into the states, as far as it is foreseen without the laws."""

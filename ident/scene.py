@@ -90,8 +90,8 @@ class Scene:
         return synthesise(self.lines, spectrum, self.samples)
 
     def at_lines(self, signal: Array) -> Complex:
-        """The amplitudes [L, ..] of one period [S, ..]."""
-        return np.asarray(np.fft.rfft(signal, axis=0)[self.lines] * (2.0 / self.samples))
+        """The amplitudes [L, ..] of one period, however finely it is told."""
+        return np.asarray(np.fft.rfft(signal, axis=0)[self.lines] * (2.0 / len(signal)))
 
 
 def known(scene: Scene, p: Parameters) -> Known:

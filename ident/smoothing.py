@@ -8,16 +8,14 @@ which changes the motion that it is of, is found with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
-from scipy.optimize import NoConvergence, anderson
 
-from ident.acting import Moved, signals
+from ident.acting import Moved, Slid, signals
 from ident.arm_model import Parameters, Sampling
 from ident.campaign import Array
 from ident.effects.base import Effect, Law, Motion
@@ -34,7 +32,9 @@ SAME = 1e-4
 #: resistances [of the median one of the port] that damp them, tried by turns; behind a spring this share of them.
 STEPS, TURNS, SETTLED, DAMPED, BEHIND = 20, 60, 1e-4, (0.5, 2.0, 0.125), 0.25
 #: Turns that are mixed, the change that ends them; times that the best line is found from which they start.
-MEMORY, SLID, BALANCES = 8, 1e-5, 3
+MEMORY, SLID, BALANCES = 8, 1e-4, 3
+#: Share by which inner products of a turn with itself are lifted where turns are mixed.
+RIDGE = 1e-4
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
 #: chi^2 per degree of freedom below which no other force is looked for.
@@ -59,18 +59,21 @@ def smoothed(
     sampling: Sampling,
     powers: Powers,
     turns: int = TURNS,
+    slid: Mapping[Key, Slid] | None = None,
 ) -> Moved:
     """Returns the motion of a record in which the forces of `effects` are those of this very motion; `start` one near to it.
 
-    `sampling` and noise `powers` are those of the record. Dry friction takes up to `turns`: few are enough to compare by.
+    `sampling` and noise `powers` are those of the record. Dry friction takes up to `turns`: few are enough to compare by; it is
+    looked for from where it was found last, `slid`.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a law that is far too strong
-        return _smoothed(scene, p, effects, start, sampling, powers, turns)
+        return _smoothed(scene, p, effects, start, sampling, powers, turns, dict(slid or {}))
 
 
 def _smoothed(
-    scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, powers: Powers, turns: int
-) -> Moved:
+    scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, powers: Powers, turns: int,
+    slid: dict[Key, Slid],
+) -> Moved:  # fmt: skip
     arm = LikelyMotion.of(scene, p, effects, start.second, sampling, powers)
     on = {key: Force.of(arm.scene, x) for key, x in signals(arm.scene, effects, start.motion).items()}
     best, least = on, arm.misfit(on)
@@ -87,7 +90,8 @@ def _smoothed(
             on = on | {key: _of(signals(arm.scene, others, motion), key, arm.scene)}
             if dry:
                 rubbing.add(key)
-                on = on | {key: on[key].plus(_sliding(arm, key, dry, motion, on, now, turns))}
+                force, slid[key] = _sliding(arm, key, dry, motion, on, now, turns, slid.get(key))
+                on = on | {key: on[key].plus(force)}
             elif springs:
                 springy.add(key)
                 on = on | {key: on[key].plus(_yielding(arm, key, springs, motion, on))}
@@ -101,7 +105,7 @@ def _smoothed(
         start, motion=motion, found={key: force.lines[arm.inside] for key, force in best.items()},
         base=signals(arm.scene, effects, motion),
         springy={(port, k): motion.at(port, int(scene.arm.live[k]))[0] for port, k in springy},
-        rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing},
+        rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing}, slid=slid,
     )  # fmt: skip
 
 
@@ -110,14 +114,15 @@ def _of(found: Mapping[Key, Array], key: Key, scene: Scene) -> Force:
 
 
 def _sliding(
-    arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces, start: Force, turns: int
-) -> Force:
-    """The force of dry `laws` at a port, of the velocity that it leaves, from `start` under the forces `on` besides.
+    arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces, start: Force, turns: int, last: Slid | None
+) -> tuple[Force, Slid]:  # fmt: skip
+    """The force of dry `laws` at a port, of the velocity that it leaves, from `start` under the forces `on` besides, or from
+    where it was found `last`.
 
     Friction f(v) = w - g v and what moves the port, v = v0 - Y f, are met in turns (J. Douglas, H. H. Rachford, Trans. AMS 82
     (1956), DOI 10.1090/S0002-9947-1956-0084194-4; P.-L. Lions, B. Mercier, SIAM J. Numer. Anal. 16 (1979), DOI
     10.1137/0716071): it converges for any friction that grows with speed at any port that gives back no more than it got,
-    slowly where a joint slides; so the turns are mixed (D. G. Anderson, J. ACM 12 (1965), DOI 10.1145/321296.321305).
+    slowly where a joint slides; so the turns are mixed.
     """
     scene, (port, k) = arm.scene, key
     joint = int(scene.arm.live[k])
@@ -137,19 +142,22 @@ def _sliding(
     v0, Y = arm.rate(key, on)
     gear = 1.0 if port == "motor" else float(scene.N[joint])
     creep = 0.0 if scene.creeping is None else float(scene.creeping[joint]) / gear
-    best, least = start, np.inf
+    best, found, least = start, last, np.inf
     alone = scene.in_time(np.stack([v0, start.lines], axis=1))
+    driven = arm.images[:, k] * scene.arm.N[k] if port == "motor" else None
     likely = (measured, _balanced(scene, friction(EVERYWHERE), v0, Y))
     for times, is_likely in product(DAMPED, (True, False)):
         g = times * (BEHIND if port == "link" else 1.0) / float(np.median(np.abs(Y)))
         starts = [friction(EVERYWHERE)(v) + g * v for v in likely] if is_likely else [g * alone[:, 0] - alone[:, 1]]
-        force, slope = _in_turns(scene, friction, g, v0, Y, starts, turns, creep)
+        starts += [last[1] + g * last[0]] if last is not None and is_likely and len(last[0]) == scene.samples else []
+        force, slope, ends = _in_turns(scene, friction, g, v0, Y, starts, turns, creep, driven)
         misfit = arm.misfit(on | {key: on[key].plus(force)})
-        if misfit < least:
-            best, least = force, misfit
+        if misfit < least or found is None:
+            best, found, least = force, ends, misfit
         if turns < TURNS or least < EXPLAINED * arm.degrees or slope.min() >= 0.0:
             break  # friction that never falls with speed is met in one motion only
-    return best
+    assert found is not None
+    return best, found
 
 
 def _balanced(scene: Scene, friction: Callable[[Array], Array], v0: Complex, Y: Complex) -> Array:
@@ -171,9 +179,10 @@ def _in_turns(
     starts: Sequence[Array],
     turns: int,
     mean_rate: float = 0.0,
-) -> tuple[Force, Array]:
+    driven: Complex | None = None,
+) -> tuple[Force, Array, Slid]:
     """The force of `friction` where v = v0 - Y friction(v), from the w = friction(v) + g v of `starts` that a turn changes
-    least; and the slope of friction [S] there.
+    least; the slope of friction [S] there; v and friction.
 
     Friction has harmonics beyond the lines; there the port is what it is at the last line, a mass.
     """
@@ -183,6 +192,8 @@ def _in_turns(
     alone, gives = np.zeros((2, len(harmonics)), dtype=complex)
     alone[scene.lines], gives[scene.lines] = v0 * (S / 2), Y
     gives[beyond] = Y[-1] * scene.lines[-1] / harmonics[beyond]
+    if driven is not None:
+        alone += gives * driven * (S / 2)
     v, slope, force = starts[0] / g, np.zeros(S), np.zeros_like(alone)
 
     def turn(w: Array) -> Array:
@@ -200,9 +211,36 @@ def _in_turns(
     turned = [(turn(w), w) for w in starts]
     change, w = min(turned, key=lambda one: norm(one[0]) / (norm(one[0] + one[1]) + 1e-300))
     w = w + change
-    with suppress(NoConvergence):
-        anderson(turn, w, M=MEMORY, alpha=1.0, line_search=None, maxiter=turns, f_tol=SLID * norm(w), tol_norm=norm)
-    return Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S), slope
+    w = _mixed(turn, w, turns, SLID * float(norm(w)))
+    there = Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S)
+    return there, slope, (v, w - g * v)
+
+
+def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) -> Array:
+    """Turns from w [S], each from where the last ones, mixed, seem to lead (D. G. Anderson, J. ACM 12 (1965), DOI
+    10.1145/321296.321305), until one changes w by `enough` or less; returns the w of the last.
+
+    As scipy.optimize.anderson does, which takes all inner products of what it remembers anew at every turn: three times as long
+    as the turn itself.
+    """
+    changes, leads = np.zeros((2, MEMORY, len(w)))  # of the change, and of where it led, from one turn to the next
+    products = np.zeros((MEMORY, MEMORY))
+    change = turn(w)
+    for k in range(turns):
+        if norm(change) <= enough:
+            break
+        seen = min(k, MEMORY)
+        mixed = change.copy()
+        if seen:
+            lifted = products[:seen, :seen] + RIDGE * np.diag(np.diag(products)[:seen])
+            mixed -= np.linalg.lstsq(lifted, changes[:seen] @ change, rcond=None)[0] @ leads[:seen]
+        w = w + mixed
+        before, change = change, turn(w)
+        now = k % MEMORY
+        changes[now] = change - before
+        leads[now] = mixed + changes[now]
+        products[now] = products[:, now] = changes @ changes[now]
+    return w
 
 
 def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces) -> Force:

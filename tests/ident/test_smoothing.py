@@ -53,6 +53,9 @@ def levels(effect: Effect, joint: str, posture: tuple[float, ...]) -> tuple[floa
     ("effect", "joint", "measured", "smoothed"),
     [
         pytest.param(MotorCoulomb(0, (4e-3,)), "joint2", 2.0, 1.15, id="a motor that sticks"),
+        pytest.param(
+            MotorCoulomb(2, (1e-2,)), "joint3", 10.0, 1.15, id="a motor that is hardly moved: held torques tell when"
+        ),
         pytest.param(LinkCoulomb(1, (0.4,)), "joint1", 100.0, 1.15, id="a link that sticks"),
         pytest.param(LinkCoulomb(1, (0.4,)), "joint2", 1.3, 1.15, id="a link that slides"),
         pytest.param(SpringHardening(1, (3e7,)), "joint2", 100.0, 1.15, id="a spring under load"),
@@ -106,7 +109,7 @@ def test_friction_in_turns_is_that_of_an_integrated_mass() -> None:
         return np.asarray(level * np.tanh(v / creep))
 
     Y = 1.0 / (m * scene.s + c)
-    found, slope = _in_turns(
+    found, slope, _ = _in_turns(
         scene, lambda where: friction, 0.5 * float(np.median(1 / np.abs(Y))), Y * u, Y, [np.zeros(scene.samples)], TURNS
     )
     t = np.arange(scene.samples) / scene.samples
