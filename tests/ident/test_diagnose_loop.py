@@ -108,6 +108,7 @@ def test_what_leaves_a_thousandth_of_what_another_left_is_told_where_it_is_all_t
     assert found.after.all < 1.1 * found.after.noise
 
 
+@pytest.mark.bench
 def test_a_name_takes_a_curves_place_once_it_explains_the_records() -> None:
     """As after another effect was found: friction that was drawn as a curve is one that has a name."""
     d = by_hand.diagnosis()
@@ -136,6 +137,7 @@ def test_other_whole_numbers_stay_within_the_arm() -> None:
     assert otherwise(lin, kind(1, (0.05, 1.0))) == []
 
 
+@pytest.mark.bench
 def test_a_base_so_soft_that_it_moves_every_mode_promises_most(model: Model) -> None:
     """Its force is that on links which move as springs and motors tell: they do not move as the declared links would."""
     soft = campaign("base-compliance:rock=1e5,turn=1e5,own=150,damping=2e-4")

@@ -38,6 +38,7 @@ def test_records_that_lack_nothing_leave_no_zeros_believed() -> None:
     assert found.status == "explained" and not found.model.factoring.believed and not notes
 
 
+@pytest.mark.bench
 def test_zeros_are_believed_where_an_effect_then_explains_the_records() -> None:
     found, notes = diagnose_either(campaign(DELAY))
     assert [(e.name, e.joint) for e in found.end.effects] == [("input-delay", JOINT)]
