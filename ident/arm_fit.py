@@ -209,8 +209,9 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0, last: Sequence[Hel
         p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
         powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear_extra(scene, p, effects))
-        how = moved(scene, p, effects)
-        if how is not None and problem.turns and any(map(has_forces, effects)):
+        turning = bool(problem.turns) and any(map(has_forces, effects))
+        how = moved(replace(scene, oversampled=one.scene.oversampled) if turning else scene, p, effects)
+        if how is not None and turning:
             slid = before.moved.slid if before is not None and before.moved is not None else None
             how = smoothed(scene, p, effects, how, one.sampling, powers, problem.turns, slid)
         if how is not None and how.lined:
