@@ -152,7 +152,8 @@ def _sliding(
         starts += [last[1] + g * last[0]] if last is not None and is_likely and len(last[0]) == scene.samples else []
         force, slope, ends = _in_turns(scene, friction, g, v0, Y, starts, turns, creep, driven)
         misfit = arm.misfit(on | {key: on[key].plus(force)})
-        if misfit < least or found is None:
+        found = ends if found is None else found
+        if misfit < least:  # else it is no number: a law that is far too strong
             best, found, least = force, ends, misfit
         if turns < TURNS or least < EXPLAINED * arm.degrees or slope.min() >= 0.0:
             break  # friction that never falls with speed is met in one motion only
@@ -227,7 +228,7 @@ def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) 
     products = np.zeros((MEMORY, MEMORY))
     change = turn(w)
     for k in range(turns):
-        if norm(change) <= enough:
+        if not norm(change) > enough:  # or no number
             break
         seen = min(k, MEMORY)
         mixed = change.copy()
