@@ -266,18 +266,29 @@ def motion_of(
 
     Springs carry `carried` [n, N m] on the mean, `besides` [n] of it not by K; clamped joints are told at rest.
     """
-    s, live, still = scene.s[:, None], scene.arm.live, np.zeros(scene.n)
-    x = theta / scene.arm.N
+    s, x = scene.s[:, None], theta / scene.arm.N
     mean_tau, mean_theta = scene.means
-    twist = (carried - besides) / p.K
-    means = [mean_theta, still, mean_tau, mean_theta / scene.N - twist, still, twist, still, carried]
-    signal = np.repeat(np.stack(means)[:, None, :], scene.samples, axis=1)
-    stack = np.stack([theta, s * theta, tau, q, s * q, x - q, s * (x - q), spring], axis=1)
-    signal[:, :, live] += scene.in_time(stack).transpose(1, 0, 2)
-    theta_t, omega, tau_t, q_t, q_rate, deflection, rate, spring_t = signal
-    return Motion(
-        1.0 / (scene.f0 * scene.samples), scene.N, theta_t, omega, tau_t, q_t, q_rate, deflection, rate, spring_t, p.K
-    )
+    twist, still = (carried - besides) / p.K, np.zeros(scene.n)
+    signals = {
+        "theta": (mean_theta, theta), "omega": (still, s * theta), "tau": (mean_tau, tau),
+        "q": (mean_theta / scene.N - twist, q), "q_rate": (still, s * q),
+        "deflection": (twist, x - q), "deflection_rate": (still, s * (x - q)), "spring": (carried, spring),
+    }  # fmt: skip
+    return Motion(1.0 / (scene.f0 * scene.samples), scene.N, p.K, Lined(scene, signals))
+
+
+@dataclass(frozen=True, eq=False)
+class Lined:
+    """Signals of a record, each by its means [n] and what the live joints do at the lines [L, m]."""
+
+    scene: Scene
+    signals: Mapping[str, tuple[Array, Complex]]
+
+    def __call__(self, name: str, joint: int) -> Array:
+        """One signal of a joint in time [S]."""
+        mean, lines = self.signals[name]
+        place = np.flatnonzero(self.scene.arm.live == joint)
+        return mean[joint] + self.scene.in_time(lines[:, place]).sum(axis=1)
 
 
 def _diagonal(values: Complex) -> Complex:
@@ -291,8 +302,8 @@ def _second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], moved:
     assert scene.slopes is not None
     live = scene.arm.live
     dJ, dK = scene.slopes[0] @ p.alpha, scene.slopes[1] @ p.gravity  # [k, i, j]
-    q = moved.q[:, live] - moved.q[:, live].mean(axis=0)
-    v = moved.q_rate[:, live]
+    q, v = moved.of("q", live), moved.of("q_rate", live)
+    q = q - q.mean(axis=0)
     a = scene.in_time(scene.s[:, None] * scene.at_lines(v))
     by_k = dJ.transpose(0, 2, 1)  # [k, j, i]
     parts = [(q, a, by_k), (v, v, by_k - 0.5 * dJ.transpose(1, 2, 0)), (q, q, 0.5 * dK.transpose(0, 2, 1))]

@@ -7,13 +7,13 @@ Frequency Domain Approach, 2nd ed., Wiley 2012, chapters 9 and 12).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import Moved, acting, differences, linear_part, moved
+from ident.acting import Moved, Slid, acting, differences, linear_part, moved
 from ident.arm_model import Extra, Parameters, Posture, by_impedance, motion_and_derivatives, transfer
 from ident.campaign import Array
 from ident.effects.base import Effect, Known, has_forces, only_forces, only_impedance
@@ -22,7 +22,7 @@ from ident.forked import forked
 from ident.frf import Complex
 from ident.scene import Scene, known, linear_extra
 from ident.smoothing import smoothed
-from ident.whitening import noise_powers, whitening
+from ident.whitening import Powers, noise_powers, whitening
 
 #: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
 SMALL_STEP = 0.01
@@ -42,6 +42,8 @@ INFORMATION_ROUNDING = 1e-13
 NUDGE, IMPEDANCE_NUDGE = 1e-4, 1e-6
 #: Dry friction stops a joint within so small a part of a sample that it takes so many times as many.
 STOPS = 2
+#: Where dry friction was found, by record and by port and joint.
+Slides = Mapping[int, Mapping[tuple[str, int], Slid]]
 #: What of `Extra` is forces and readings.
 FORCES = ("on_motor", "on_link", "reading")
 
@@ -52,9 +54,9 @@ class Problem:
 
     The vector [P] is that of `Parameters` followed by the values of every effect; a step of `scale` [P] is a large one. `low`,
     `high` [P] bound it; `free` [P] are the parameters that may move. `posture_of` gives the arm at another posture.
-    With `turns` the forces of effects are found together with the motion that they change. `expected` are a
-    vector [P] known beforehand and the weights [P] of steps of `scale` away from it, added to chi^2. `workers` processes find
-    how the arm moved.
+    With `turns` the forces of effects are found together with the motion that they change, dry friction from where it was
+    found last, `slid`, by record. `expected` are a vector [P] known beforehand and the weights [P] of steps of `scale` away from
+    it, added to chi^2. `workers` processes find how the arm moved.
     """
 
     data: tuple[Evidence, ...]
@@ -69,6 +71,7 @@ class Problem:
     posture_of: Callable[[Evidence, Array], Posture]
     turns: int = 0
     expected: tuple[Array, Array] | None = None
+    slid: Slides = field(default_factory=dict)
     workers: int = 1
 
     @property
@@ -99,12 +102,14 @@ class Problem:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where a fit ended: `vector` [P], `information` [P, P] per step of `scale` there, chi^2, and whether it converged."""
+    """Where a fit ended: `vector` [P], `information` [P, P] per step of `scale` there, chi^2, whether it converged, and where
+    dry friction was found, by record."""
 
     vector: Array
     information: Array
     chi2: float
     converged: bool
+    slid: Slides = field(default_factory=dict)
 
 
 def scale_of(start: Parameters) -> Array:
@@ -124,9 +129,9 @@ def minimise(
     """
     converged, winding, damping, chi2, last = False, False, 1e-3, np.inf, np.inf
     information = np.zeros((len(vector), len(vector)))
-    held: list[Held] = []
     for doubt in (*doubts, *[0.0] * outer):
-        held = hold(problem, vector, doubt, held)
+        held = hold(problem, vector, doubt)
+        problem = replace(problem, slid=slides(problem, held))
         chi2, slope, information = normal_equations(problem, vector, held)
         begin, settled, damping = vector, False, min(damping, 1e-3)
         for _ in range(FEW if roughly else INNER):
@@ -158,7 +163,7 @@ def minimise(
             converged = True
             break
         last = np.inf if doubt else chi2
-    return Minimum(vector, information, chi2, converged)
+    return Minimum(vector, information, chi2, converged, problem.slid)
 
 
 def _bend(
@@ -200,30 +205,40 @@ class Held:
     moved: Moved | None
 
 
-def hold(problem: Problem, vector: Array, doubt: float = 0.0, last: Sequence[Held] = ()) -> list[Held]:
-    """Weights and motions of all records, for the arm at `vector`; `last` those of an arm near it."""
+def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
+    """Weights and motions of all records, for the arm at `vector`."""
     whole, effects = problem.parameters(vector), problem.effects_at(vector)
+    turning = bool(problem.turns) and any(map(has_forces, effects))
 
-    def held(item: tuple[Evidence, Held | None]) -> Held:
-        one, before = item
+    def told(one: Evidence) -> tuple[Moved | None, Powers]:
         p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
         powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear_extra(scene, p, effects))
-        turning = bool(problem.turns) and any(map(has_forces, effects))
         how = moved(replace(scene, oversampled=one.scene.oversampled) if turning else scene, p, effects)
         if how is not None and turning:
-            slid = before.moved.slid if before is not None and before.moved is not None else None
-            how = smoothed(scene, p, effects, how, one.sampling, powers, problem.turns, slid)
+            how = smoothed(scene, p, effects, how, one.sampling, powers, problem.turns, problem.slid.get(one.index))
         if how is not None and how.lined:
             linear = linear_part(scene, p, effects, how)
             powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
-        W = whitening(powers, scene.theta, doubt)
-        W = W if one.judged is None else W * one.judged[:, None, None]
-        return Held(W, how)
+        return how, powers
 
-    before: Sequence[Held | None] = last or [None] * len(problem.data)
-    items = list(zip(problem.data, before, strict=True))
-    return list(forked(held, items, problem.workers if any(map(has_forces, effects)) else 1))
+    records = {
+        id(one.scene): one for one in problem.data
+    }  # one and the same may be judged at some lines here, at others there
+    every = forked(told, list(records.values()), problem.workers if any(map(has_forces, effects)) else 1)
+    found = dict(zip(records, every, strict=True))
+    held = []
+    for one in problem.data:
+        how, powers = found[id(one.scene)]
+        W = whitening(powers, one.scene.theta, doubt)
+        held.append(Held(W if one.judged is None else W * one.judged[:, None, None], how))
+    return held
+
+
+def slides(problem: Problem, held: Sequence[Held]) -> Slides:
+    """Where dry friction was found in each record."""
+    found = {one.index: kept.moved.slid for one, kept in zip(problem.data, held, strict=True) if kept.moved is not None}
+    return {**problem.slid, **{record: slid for record, slid in found.items() if slid}}
 
 
 def in_record(p: Parameters, effects: Sequence[Effect], record: int) -> Parameters:

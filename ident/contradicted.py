@@ -51,6 +51,7 @@ def _kept(bench: Bench, state: State, declared: Sequence[Deviation]) -> State:
         free[one.indices] = False
     problem = replace(problem, free=free)
     minimum = minimise(problem, vector, (), 1, FINELY)
+    problem = replace(problem, slid=minimum.slid)
     chosen = replace(problem, data=bench.split.select)
     select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
     return replace(state, minimum=minimum, problem=problem, select=select)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 
@@ -53,7 +53,7 @@ class Departure:
 @lru_cache(maxsize=8)  # those of one diagnosis: what is kept keeps its records
 def errors(bench: Bench, state: State, data: tuple[Evidence, ...]) -> Errors:
     """Relative rms errors of the excited joint's angle at the excited lines of `data`."""
-    problem = bench.problem(data, state.effects, state.scales, state.limits)
+    problem = replace(state.problem, data=tuple(data))
     held = hold(problem, state.minimum.vector)
     squares: list[tuple[int, Array, Array, Array]] = []
     for one, kept in zip(data, held, strict=True):
@@ -96,7 +96,7 @@ def groups(
 
     The level is without the line that departs most: one alone is an outlier, no effect.
     """
-    problem = bench.problem(tuple(data), state.effects, state.scales, state.limits)
+    problem = replace(state.problem, data=tuple(data))
     held = hold(problem, state.minimum.vector)
     found = []
     for one, kept in zip(data, held, strict=True):

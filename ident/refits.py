@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.arm_fit import Minimum, Problem, chi_squared, hold, minimise
+from ident.arm_fit import Minimum, Problem, Slides, chi_squared, hold, minimise
 from ident.arm_model import Parameters
 from ident.campaign import Array, Campaign
 from ident.coupled import DOUBTS, problem_of
@@ -68,7 +68,8 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it), first with `doubts`."""
+    """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it), first with `doubts`; dry friction
+    from where it was found last, `slid`."""
 
     vector: Array
     effects: tuple[Effect, ...]
@@ -77,11 +78,12 @@ class Refit:
     outer: int = 2
     roughly: float = FINELY
     doubts: tuple[float, ...] = ()
+    slid: Slides = field(default_factory=dict)
 
     @staticmethod
     def of(state: State) -> Refit:
         """The same model, fitted finely."""
-        return Refit(state.minimum.vector, state.effects, state.scales, state.limits)
+        return Refit(state.minimum.vector, state.effects, state.scales, state.limits, slid=state.minimum.slid)
 
 
 def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
@@ -101,6 +103,7 @@ def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
 
     for refit, (minimum, select) in zip(refits, forked(work, refits, bench.workers), strict=True):
         problem = bench.problem(bench.split.fit, refit.effects, refit.scales, refit.limits)
+        problem = replace(problem, slid=minimum.slid)
         yield State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, select)
 
 
@@ -121,10 +124,12 @@ def fitted(bench: Bench, refit: Refit) -> State:
             tuple(few_lines(one, FEW_LINES) for one in part[:: max(1, round(len(part) / FEW_RECORDS))])
             for part in (fit, select)
         )
-    problem, chosen = bench.problem(fit, *more), bench.problem(select, *more)
+    problem = replace(bench.problem(fit, *more), slid=refit.slid)
     try:
         with np.errstate(all="ignore"):
             minimum = minimise(problem, refit.vector, refit.doubts, refit.outer, refit.roughly)
+            problem = replace(problem, slid=minimum.slid)
+            chosen = replace(problem, data=select)
             chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
     except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
         nothing = np.zeros((len(refit.vector), len(refit.vector)))

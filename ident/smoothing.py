@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 from numpy.linalg import norm
@@ -127,7 +126,7 @@ def _sliding(
     scene, (port, k) = arm.scene, key
     joint = int(scene.arm.live[k])
     N = float(scene.arm.N[k]) if port == "motor" else 1.0
-    state = motion.state(joint).when(np.arange(scene.samples))  # side by side in memory
+    state = motion.state(joint)
     position, measured = state.at(port)
 
     def friction(where: Where) -> Callable[[Array], Array]:
@@ -145,12 +144,18 @@ def _sliding(
     best, found, least = start, last, np.inf
     alone = scene.in_time(np.stack([v0, start.lines], axis=1))
     driven = arm.images[:, k] * scene.arm.N[k] if port == "motor" else None
-    likely = (measured, _balanced(scene, friction(EVERYWHERE), v0, Y))
-    for times, is_likely in product(DAMPED, (True, False)):
+
+    def likely(g: float) -> list[Array]:
+        return [friction(EVERYWHERE)(v) + g * v for v in (measured, _balanced(scene, friction(EVERYWHERE), v0, Y))]
+
+    ways: list[Callable[[float], list[Array]]] = [likely, lambda g: [g * alone[:, 0] - alone[:, 1]]]
+    tries = [(times, way) for times in DAMPED for way in ways]
+    if last is not None:
+        v, f = (_told_by(x, scene.samples) for x in last)
+        tries.insert(0, (DAMPED[0], lambda g: [f + g * v]))
+    for times, way in tries:
         g = times * (BEHIND if port == "link" else 1.0) / float(np.median(np.abs(Y)))
-        starts = [friction(EVERYWHERE)(v) + g * v for v in likely] if is_likely else [g * alone[:, 0] - alone[:, 1]]
-        starts += [last[1] + g * last[0]] if last is not None and is_likely and len(last[0]) == scene.samples else []
-        force, slope, ends = _in_turns(scene, friction, g, v0, Y, starts, turns, creep, driven)
+        force, slope, ends = _in_turns(scene, friction, g, v0, Y, way(g), turns, creep, driven)
         misfit = arm.misfit(on | {key: on[key].plus(force)})
         found = ends if found is None else found
         if misfit < least:  # else it is no number: a law that is far too strong
@@ -159,6 +164,13 @@ def _sliding(
             break  # friction that never falls with speed is met in one motion only
     assert found is not None
     return best, found
+
+
+def _told_by(x: Array, samples: int) -> Array:
+    """A period x [S] told by so many samples."""
+    if len(x) == samples:
+        return x
+    return np.interp(np.arange(samples) * (len(x) / samples), np.arange(len(x) + 1), np.append(x, x[0]))
 
 
 def _balanced(scene: Scene, friction: Callable[[Array], Array], v0: Complex, Y: Complex) -> Array:
@@ -214,7 +226,7 @@ def _in_turns(
     w = w + change
     w = _mixed(turn, w, turns, SLID * float(norm(w)))
     there = Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S)
-    return there, slope, (v, w - g * v)
+    return there, slope, (v.astype(np.float32), (w - g * v).astype(np.float32))
 
 
 def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) -> Array:

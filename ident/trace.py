@@ -89,7 +89,7 @@ class Linearised:
         def at(port: str) -> Iterator[Complex]:
             for one, motion in zip(self.problem.data, self.motions[port], strict=True):
                 live = one.scene.arm.live
-                signals = np.concatenate([motion.theta[:, live] / motion.N[live], motion.q[:, live]], axis=1)
+                signals = np.concatenate([motion.of("theta", live) / motion.N[live], motion.of("q", live)], axis=1)
                 yield one.scene.at_lines(signals)
 
         return {port: tuple(at(port)) for port in self.motions}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -60,9 +60,24 @@ def scale(relative: str, scales: Mapping[str, float]) -> float:
     return product
 
 
+#: The signals of a joint that moves: motor side, link side, its spring.
+SIGNALS = ("theta", "omega", "tau", "q", "q_rate", "deflection", "deflection_rate", "spring")
+#: Position, velocity and torque at a port.
+AT = {
+    "motor": ("theta", "omega", "tau"),
+    "sensor": ("theta", "omega", "tau"),
+    "spring": ("deflection", "deflection_rate", "spring"),
+    "link": ("q", "q_rate", "spring"),
+}
+
+
 @dataclass(slots=True)
 class State:
-    """How one joint moves: arrays [S] of a period, or floats at one instant; fields as in `Motion`."""
+    """How one joint moves: arrays [S] of a period, or floats at one instant.
+
+    theta [rad], omega, tau [N m] motor side; q, q_rate link side; deflection = theta/N - q, deflection_rate and spring (its torque)
+    joint side. Positions are absolute, means included.
+    """
 
     theta: Any
     omega: Any
@@ -77,75 +92,67 @@ class State:
 
     def at(self, port: str) -> tuple[Any, Any]:
         """Position and velocity at a port."""
-        if port == "spring":
-            return self.deflection, self.deflection_rate
-        return (self.q, self.q_rate) if port == "link" else (self.theta, self.omega)
+        position, velocity, _ = AT[port]
+        return getattr(self, position), getattr(self, velocity)
 
     def when(self, samples: Any) -> State:
         """The same at some of the samples."""
-        arrays = {f.name: x[samples] for f in fields(self) if isinstance(x := getattr(self, f.name), np.ndarray)}
-        return replace(self, **arrays)
+        return Told(lambda name: getattr(self, name)[samples], self.N, self.K)
 
     def moved(self, port: str, position: Any, velocity: Any) -> State:
         """The same but for position and velocity at a port."""
-        if port == "spring":
-            return replace(self, deflection=position, deflection_rate=velocity)
-        if port == "link":
-            return replace(self, q=position, q_rate=velocity)
-        return replace(self, theta=position, omega=velocity)
+        other = Told(lambda name: getattr(self, name), self.N, self.K)
+        for name, value in zip(AT[port][:2], (position, velocity), strict=True):
+            setattr(other, name, value)
+        return other
+
+
+class Told(State):
+    """A state of which each signal is told when it is first asked for: a law needs one or two of them."""
+
+    __slots__ = ("tell",)
+
+    def __init__(self, tell: Callable[[str], Any], N: float, K: float) -> None:
+        self.tell, self.N, self.K = tell, N, K
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in SIGNALS:
+            raise AttributeError(name)
+        setattr(self, name, self.tell(name))
+        return getattr(self, name)
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How all n joints move in one record: one period, S samples `dt` [s] apart; positions are absolute, means included.
+    """How all n joints move in one record: one period, samples `dt` [s] apart, gear ratios `N` and springs' stiffness `K` [n].
 
-    theta, omega, tau [S, n] motor side; q, q_rate [S, n] link side; deflection = theta/N - q, deflection_rate and spring
-    (its torque) [S, n] joint side. N [n]. An array that cannot be known is zero (a clamped joint). `K` [n] the stiffness
-    of the springs; where it is not given it is read from the spring's own torque and deflection.
+    `tell` gives a signal [S] by its name, as in `State`, and the joint; what cannot be known is zero (a clamped joint).
     """
 
     dt: float
     N: Array
-    theta: Array
-    omega: Array
-    tau: Array
-    q: Array
-    q_rate: Array
-    deflection: Array
-    deflection_rate: Array
-    spring: Array
-    K: Array | None = None
+    K: Array
+    tell: Callable[[str, int], Array]
+    _told: dict[tuple[str, int], Array] = field(default_factory=dict)
+
+    def state(self, joint: int) -> State:
+        """The motion of one joint."""
+        return Told(lambda name: self.signal(name, joint), float(self.N[joint]), float(self.K[joint]))
+
+    def signal(self, name: str, joint: int) -> Array:
+        """One signal [S] of a joint."""
+        if (name, joint) not in self._told:
+            self._told[name, joint] = self.tell(name, joint)
+        return self._told[name, joint]
 
     def at(self, port: str, joint: int) -> tuple[Array, Array, Array]:
         """Position, velocity and torque [S] at a port of a joint."""
-        if port == "spring":
-            return self.deflection[:, joint], self.deflection_rate[:, joint], self.spring[:, joint]
-        if port == "link":
-            return self.q[:, joint], self.q_rate[:, joint], self.spring[:, joint]
-        return self.theta[:, joint], self.omega[:, joint], self.tau[:, joint]
+        position, velocity, torque = AT[port]
+        return self.signal(position, joint), self.signal(velocity, joint), self.signal(torque, joint)
 
-    def state(self, joint: int) -> State:
-        """The motion [S] of one joint."""
-        moved = (
-            self.theta,
-            self.omega,
-            self.tau,
-            self.q,
-            self.q_rate,
-            self.deflection,
-            self.deflection_rate,
-            self.spring,
-        )
-        theta, omega, tau, q, q_rate, x, x_rate, spring = (array[:, joint] for array in moved)
-        N, K = float(self.N[joint]), self._stiffness(joint)
-        return State(theta, omega, tau, q, q_rate, x, x_rate, spring, N, K)
-
-    def _stiffness(self, joint: int) -> float:
-        if self.K is not None:
-            return float(self.K[joint])
-        x, torque = (a[:, joint] - a[:, joint].mean() for a in (self.deflection, self.spring))
-        square = float(x @ x)
-        return float(x @ torque) / square if square else 0.0
+    def of(self, name: str, joints: Sequence[int] | NDArray[np.int64]) -> Array:
+        """One signal of these joints [S, ..]."""
+        return np.stack([self.signal(name, int(j)) for j in joints], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

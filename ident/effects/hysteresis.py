@@ -28,7 +28,7 @@ class MotorHysteresis(PortLaw):
         """Its torque [S] when the period goes on for ever: the recursion is affine, so its fixed point is known."""
         level, distance = self.values
         assert self.joint is not None
-        theta = motion.theta[:, self.joint]
+        theta = motion.signal("theta", self.joint)
         step = np.diff(theta, prepend=theta[-1])
         kept = np.exp(-np.abs(step) / distance)
         added = np.sign(step) * (1.0 - kept)

@@ -55,7 +55,8 @@ class EncoderEccentricity(Effect):
 
     def reading(self, motion: Motion) -> Array:
         amplitude, order, phase = self.values
-        return np.asarray(amplitude * np.sin(order * motion.theta[:, self.joint] + phase))
+        assert self.joint is not None
+        return np.asarray(amplitude * np.sin(order * motion.signal("theta", self.joint) + phase))
 
     def misread(self, theta: float) -> float:
         amplitude, order, phase = self.values

@@ -15,7 +15,7 @@ from loop.judge import ASKED, judged
 from loop.table import failures, table
 from outside import OUTSIDE, OUTSIDE_RANGES
 
-from ident.effects.base import Law, State
+from ident.effects.base import SIGNALS, Law, State
 from ident.effects.catalogue import CATALOGUE
 
 STILL = State(0.3, 0.0, 0.1, 0.2, 0.0, 1e-3, 0.0, 5.0, 100.0, 5000.0)
@@ -46,7 +46,7 @@ def test_outside_means_in_no_catalogue_and_seen_in_a_still_joint_only_as_a_hold(
     assert name not in CATALOGUE and set(OUTSIDE_RANGES[name]) == {p.name for p in kind.parameters}
     law = kind.of(0, {})
     assert isinstance(law, Law)
-    together = State(*(np.full(3, getattr(STILL, field)) for field in list(STILL.__slots__)[:8]), STILL.N, STILL.K)
+    together = State(*(np.full(3, getattr(STILL, field)) for field in SIGNALS), STILL.N, STILL.K)
     assert np.broadcast_to(law.law(together), 3) == pytest.approx([float(law.law(STILL))] * 3, rel=1e-12)
 
 

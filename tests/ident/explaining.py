@@ -133,4 +133,4 @@ def _motion(record, known, live, theta, q, s, T, mean, bend):
     signal("deflection", x, bend)
     signal("deflection_rate", sc * x, np.zeros(n))
     signal("spring", (known.K[live] + sc * known.D_spring[live]) * x, known.K * bend)
-    return Motion(1 / (record.f0 * S), known.N, K=known.K, **columns)
+    return Motion(1 / (record.f0 * S), known.N, known.K, lambda name, joint: columns[name][:, joint])

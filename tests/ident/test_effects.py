@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ident.effects.base import PORTS, SCALES, Effect, Known, Law, Motion, scale
+from ident.effects.base import PORTS, SCALES, SIGNALS, Effect, Known, Law, Motion, State, scale
 from ident.effects.catalogue import CATALOGUE, parse, truth
 from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.impedance import coupling, twists, weighed
@@ -63,7 +63,8 @@ def motion(amplitude: float = 0.5, harmonics: int = 3) -> Motion:
     theta, omega = amplitude * np.sin(w * t), amplitude * w * np.cos(w * t)
     x, x_rate = 1e-3 * np.sin(w * t + 1), 1e-3 * w * np.cos(w * t + 1)
     columns = (theta + 30.0, omega, 0.01 * one, 0.3 + theta / N - x, omega / N - x_rate, x, x_rate, 5000.0 * x + 2.0)
-    return Motion(1 / 4000, np.array([N]), *(c[:, None] for c in columns))
+    told = dict(zip(SIGNALS, columns, strict=True))
+    return Motion(1 / 4000, np.array([N]), np.array([5000.0]), lambda name, _: told[name])
 
 
 LAWS = [name for name, cls in CATALOGUE.items() if issubclass(cls, Law)]
@@ -84,7 +85,7 @@ def test_a_law_is_one_function_of_arrays_and_of_floats(name: str) -> None:
     state = motion().state(0)
     together = np.broadcast_to(law.law(state), (4000,))
     for k in (0, 1, 1234):
-        one = replace(state, **{f: float(getattr(state, f)[k]) for f in list(state.__slots__)[:8]})
+        one = State(*(float(getattr(state, name)[k]) for name in SIGNALS), state.N, state.K)
         assert float(law.law(one)) == pytest.approx(together[k], rel=1e-12)
 
 
@@ -124,16 +125,17 @@ def test_hysteresis_is_a_loop_of_dahl() -> None:
     law = MotorHysteresis(0, (0.02, 0.01))
     force = law.force(motion(5.0))
     assert np.abs(force).max() == pytest.approx(0.02, rel=1e-6)
-    lost = -float(np.sum(force * motion(5.0).omega[:, 0]) / 4000) / 3
+    lost = -float(np.sum(force * motion(5.0).signal("omega", 0)) / 4000) / 3
     # from -level to level the force lags by the integral of 2 exp(-x/distance): 2 distance, at both turns
     assert lost == pytest.approx(0.02 * (4 * 5.0 - 2 * 2 * 0.01 * 1.0), rel=2e-3)
     small = motion(1e-5)
-    stiffness = -law.force(small) @ (small.theta[:, 0] - 30) / np.sum((small.theta[:, 0] - 30) ** 2)
+    swing = small.signal("theta", 0) - 30
+    stiffness = -law.force(small) @ swing / np.sum(swing**2)
     assert stiffness == pytest.approx(0.02 / 0.01, rel=1e-2)
     start, remember = law.start()
     state = motion().state(0)
     found = []
-    for theta in np.tile(motion(5.0).theta[:, 0], 2).tolist():
+    for theta in np.tile(motion(5.0).signal("theta", 0), 2).tolist():
         state.theta = theta
         found.append(start(state))
         remember(state)

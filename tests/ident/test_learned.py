@@ -108,7 +108,7 @@ def test_a_spectrum_is_what_each_wave_explains() -> None:
         top, bottom = 0.0 + 0.0j, 0.0
         for one, r, ports, motion in zip(lin.problem.data, lin.r, lin.ports, lin.motions["motor"], strict=True):
             for part, unit in ((np.cos, 1.0), (np.sin, 1.0j)):
-                wave = ports["motor", JOINT] * one.scene.at_lines(part(order * motion.theta[:, [JOINT]]))
+                wave = ports["motor", JOINT] * one.scene.at_lines(part(order * motion.of("theta", [JOINT])))
                 top += unit * float(np.vdot(wave, r).real)
                 bottom += 0.5 * float(np.vdot(wave, wave).real)
         k = int(np.argmin(np.abs(seen.orders - order)))
