@@ -34,6 +34,8 @@ SLACK = 1e-9
 WINDING, GENTLE, AHEAD, BEND = 0.1, 0.01, 0.1, 0.75
 #: Progress below this share of chi^2 ends the way to a model that is still doubted.
 ROUGHLY = 0.01
+#: Share of chi^2 to which it comes back when motions with dry friction, found in turns, are found again.
+TURNED = 1e-3
 #: A direction of the parameters with less information than this was not seen: its deviation is over ten times its size.
 UNSEEN_INFORMATION = 1e-2
 #: Relative rounding error of an information matrix.
@@ -159,7 +161,8 @@ def minimise(
                 break
         shift = (vector - begin) / problem.scale
         small = shift @ information @ shift < (10.0 * SMALL_STEP) ** 2
-        if not doubt and settled and (small or abs(last - chi2) < roughly * chi2):
+        same = max(roughly, TURNED if problem.slid else 0.0)
+        if not doubt and settled and (small or abs(last - chi2) < same * chi2):
             converged = True
             break
         last = np.inf if doubt else chi2

@@ -16,8 +16,9 @@ from ident.frf import Complex
 
 #: Aliases on each side in the response to a held torque. Those left out fall with the fourth power of frequency.
 ALIASES = 16
-#: Aliases on each side whose derivatives are computed, and one more for every fs that the highest mode lies above.
-NEAR_ALIASES = 1
+#: Aliases on each side whose derivatives are computed, and one more for every fs that the highest mode lies above, up to so many:
+#: a mode far above is one of no arm, met on the way of a fit.
+NEAR_ALIASES, MORE_ALIASES = 1, 2
 #: Interpolation of the aliases is finer than this share of them; nodes beyond `MOST_NODES`: every line is computed.
 ALIAS_ACCURACY, MOST_NODES = 1e-10, 24
 
@@ -180,13 +181,18 @@ def _held(
         return H.reshape(len(nodes), -1, m * m).sum(axis=1), dH  # nodes, m m; nodes, m, P, m (input)
 
     scaled = tau * rise[:, None, None]
-    theta = theta + held + (interpolation @ aliases(shift, False)[0]).reshape(-1, m, m) @ scaled
+    H = aliases(shift, False)[0]
+    H = H if interpolation is None else interpolation @ H
+    theta = theta + held + H.reshape(-1, m, m) @ scaled
     if derive:
-        near = np.abs(orders) <= NEAR_ALIASES + int(highest / sampling.fs)
+        near = np.abs(orders) <= NEAR_ALIASES + min(int(highest / sampling.fs), MORE_ALIASES)
         dH = aliases(shift[near], True)[1]
-        spread = interpolation[:, :, None] * scaled[:, None, :, 0]
-        folded = spread.reshape(len(spread), -1) @ np.moveaxis(dH, 3, 1).reshape(len(nodes) * m, -1)
-        derivatives = derivatives + folded.reshape(derivatives.shape)
+        if interpolation is None:
+            derivatives = derivatives + (dH @ scaled[:, None, :, :])[..., 0]
+        else:
+            spread = interpolation[:, :, None] * scaled[:, None, :, 0]
+            folded = spread.reshape(len(spread), -1) @ np.moveaxis(dH, 3, 1).reshape(len(nodes) * m, -1)
+            derivatives = derivatives + folded.reshape(derivatives.shape)
         i = np.arange(m)
         derivatives[:, i, m + i] -= held[:, :, 0]
     return theta, derivatives
@@ -294,8 +300,9 @@ def _highest_mode(arm: Posture, p: Parameters) -> float:
     return float(np.sqrt(np.abs(squares).max()) / (2 * np.pi))
 
 
-def _nodes(sampling: Sampling, highest: float) -> tuple[Array, Array]:
-    """Returns frequencies [k, Hz] at which to compute the aliases and the interpolation [L, k] from there to the lines.
+def _nodes(sampling: Sampling, highest: float) -> tuple[Array, Array | None]:
+    """Returns frequencies [k, Hz] at which to compute the aliases and the interpolation [L, k] from there to the lines, None
+    where those are the lines.
 
     Chebyshev points: the nearest pole, an alias of the highest mode, tells how fast they converge (Bernstein).
     """
@@ -307,7 +314,7 @@ def _nodes(sampling: Sampling, highest: float) -> tuple[Array, Array]:
         ellipse = nearest + np.sqrt(nearest**2 - 1.0)
         count = int(np.ceil(-np.log(ALIAS_ACCURACY) / np.log(ellipse))) + 1
     if count >= min(len(f), MOST_NODES):
-        return f, np.eye(len(f))
+        return f, None
     angle = np.pi * (np.arange(count) + 0.5) / count
     x = (2.0 * f - low - high) / (high - low)
     orders = np.arange(count)

@@ -22,8 +22,8 @@ from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
-from ident.parts import Split, degrees, split, split_lines
-from ident.refits import Bench, Refit, State, all_fitted, excess, first, linearised, same, without
+from ident.parts import Split, degrees, sampled, split, split_lines
+from ident.refits import FEW_SAMPLES, Bench, Refit, State, all_fitted, excess, first, linearised, same, without
 from ident.trace import port_shares
 from ident.trials import (
     ALIKE,
@@ -304,9 +304,10 @@ def _round(
 
 
 def _error(bench: Bench, state: State) -> float:
-    """The relative error of a model on the records that report; infinite where its response is no number."""
+    """The relative error of a rival on the records that report, told as coarsely as it was fitted; infinite where its response is
+    no number."""
     try:
-        return errors(bench, state, bench.split.report).all
+        return errors(bench, state, tuple(sampled(one, FEW_SAMPLES) for one in bench.split.report)).all
     except (ValueError, np.linalg.LinAlgError):
         return float(np.inf)
 

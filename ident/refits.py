@@ -25,6 +25,9 @@ from symgen.plan import Model
 HASTILY, FINELY, FAINTLY, FULLY = 0.03, 0.002, 1e-4, 8
 #: Turns to the force of dry friction, lines of a record, and records about, for a candidate; samples a line until one is chosen.
 FEW_TURNS, FEW_LINES, FEW_RECORDS, FEW_SAMPLES = 15, 250, 20, 6
+#: Lines of a record by which the arm without effects is looked for, and chi^2 per degree of freedom that is far beyond any noise: it
+#: is looked for by all lines below.
+FIRST_LINES, BENT = 100, 100.0
 #: chi^2 of a height of a learned curve of the size of all, so that one that no record shows stays at nothing.
 UNSEEN_HEIGHT = 1e-4
 
@@ -69,7 +72,7 @@ class State:
 @dataclass(frozen=True, eq=False)
 class Refit:
     """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it), first with `doubts`; dry friction
-    from where it was found last, `slid`."""
+    from where it was found last, `slid`; by so many `lines` of a record, None: all."""
 
     vector: Array
     effects: tuple[Effect, ...]
@@ -79,6 +82,7 @@ class Refit:
     roughly: float = FINELY
     doubts: tuple[float, ...] = ()
     slid: Slides = field(default_factory=dict)
+    lines: int | None = None
 
     @staticmethod
     def of(state: State) -> Refit:
@@ -109,8 +113,9 @@ def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
 
 def first(bench: Bench) -> State:
     """The arm without effects: from what is declared, at once and by detours."""
-    refits = [Refit(bench.guess.vector(), (), (), (), doubts=doubts) for doubts in ((), DOUBTS)]
-    return min(all_fitted(bench, refits), key=lambda s: s.minimum.chi2)
+    refits = [Refit(bench.guess.vector(), (), (), (), doubts=doubts, lines=FIRST_LINES) for doubts in ((), DOUBTS)]
+    best = min(all_fitted(bench, refits), key=lambda s: s.minimum.chi2)
+    return best if excess(bench, best) > BENT else fitted(bench, Refit.of(best))
 
 
 def fitted(bench: Bench, refit: Refit) -> State:
@@ -120,10 +125,10 @@ def fitted(bench: Bench, refit: Refit) -> State:
     if refit.roughly > FAINTLY:
         fit, select = (tuple(sampled(one, FEW_SAMPLES) for one in part) for part in (fit, select))
     if hasty:
-        fit, select = (
-            tuple(few_lines(one, FEW_LINES) for one in part[:: max(1, round(len(part) / FEW_RECORDS))])
-            for part in (fit, select)
-        )
+        fit, select = (part[:: max(1, round(len(part) / FEW_RECORDS))] for part in (fit, select))
+    lines = FEW_LINES if hasty else refit.lines
+    if lines is not None:
+        fit, select = (tuple(few_lines(one, lines) for one in part) for part in (fit, select))
     problem = replace(bench.problem(fit, *more), slid=refit.slid)
     try:
         with np.errstate(all="ignore"):

@@ -17,6 +17,7 @@ from ident.effects.learned import Learned
 from ident.forked import forked
 from ident.parts import degrees
 from ident.refits import (
+    BENT,
     FAINTLY,
     FINELY,
     FULLY,
@@ -38,8 +39,8 @@ REFITTED, CURVES = (6, 40), 2
 EFFORT = 1.5e5
 #: Share of what earns a place that a candidate must promise to be tried once little is left: promises are nearly right there.
 HARDLY = 0.125
-#: Candidates taken over from the declared arm; chi^2 per degree of freedom above which the fitted one is bent very far.
-SURELY, BENT = 6, 100.0
+#: Candidates taken over from the declared arm.
+SURELY = 6
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
 FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.

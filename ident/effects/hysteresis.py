@@ -32,13 +32,9 @@ class MotorHysteresis(PortLaw):
         step = np.diff(theta, prepend=theta[-1])
         kept = np.exp(-np.abs(step) / distance)
         added = np.sign(step) * (1.0 - kept)
-        F, values = 0.0, []
-        for a, b in zip(kept.tolist(), added.tolist(), strict=True):
-            F = a * F + b
-            values.append(F)
-        left = np.cumprod(kept)
+        values, left = _recursion(kept, added)
         start = values[-1] / (1.0 - left[-1]) if left[-1] < 1.0 else 0.0
-        return np.asarray(-level * (np.array(values) + left * start))
+        return np.asarray(-level * (values + left * start))
 
     def start(self) -> tuple[Callable[[State], float], Callable[[State], None]]:
         level, distance = self.values
@@ -53,3 +49,20 @@ class MotorHysteresis(PortLaw):
             memory[:] = [at.theta, friction(at.theta)]
 
         return lambda at: -level * friction(at.theta), remember
+
+
+def _recursion(a: Array, b: Array) -> tuple[Array, Array]:
+    """F[k] = a[k] F[k-1] + b[k] from F = 0, and the product of a up to k: both [S]. Blocks of samples go side by side."""
+    S, count = len(a), int(np.ceil(np.sqrt(len(a))))
+    a, b = (np.pad(x, (0, count**2 - S)).reshape(count, count).T for x in (a, b))  # sample in its block, block
+    F, product = np.empty_like(b), np.cumprod(a, axis=0)
+    now = np.zeros(count)
+    for k in range(count):
+        F[k] = now = a[k] * now + b[k]
+    begin = np.ones((2, count))  # F and the product at the end of the block before
+    begin[0, 0] = 0.0
+    for k in range(1, count):
+        begin[:, k] = product[-1, k - 1] * begin[:, k - 1] + (F[-1, k - 1], 0.0)
+    found = np.stack([F, np.zeros_like(F)]) + product * begin[:, None]
+    values, products = found.transpose(0, 2, 1).reshape(2, -1)[:, :S]
+    return values, products
