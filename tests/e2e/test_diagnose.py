@@ -47,7 +47,10 @@ def out(campaign: Path, found: list[Any], tmp_path_factory: pytest.TempPathFacto
     return directory
 
 
-def test_a_robot_as_declared_is_explained(out: Path, campaign: Path) -> None:
+def test_a_robot_as_declared_is_explained(out: Path, campaign: Path, found: list[Any]) -> None:
+    """With general links: where nothing is missing no zeros need be believed."""
+    ((diagnosis, notes),) = found
+    assert diagnosis.status == "explained" and not diagnosis.model.factoring.believed and not notes
     verdict = json.loads((out / "verdict.json").read_text())
     assert (verdict["status"], verdict["effects"], verdict["unexplained"]) == ("explained", [], [])
     assert (verdict["input"]["file"], verdict["input"]["records"]) == (str(campaign), 8)
