@@ -3,6 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
+# Tests and workers are compiled once, not by every process again.
+unexport PYTHONDONTWRITEBYTECODE
 ROBOT := robots/ypp3
 
 .PHONY: demo test lint fast bench bench-loop lock clean

@@ -256,13 +256,21 @@ def _continuous(
     K, J_m, D, D_spring = (values[live] for values in (p.K, p.J_m, p.D, p.D_spring))
     Z_mm, Z_ml, Z_lm, Z_ll = stiffness(arm, p, s, extra.impedance)
     yielding = np.linalg.inv(Z_ll)
-    carried = -yielding @ Z_lm  # q per theta / N
-    core = N[:, None] * np.linalg.inv(Z_mm + Z_ml @ carried)  # angle of the motors per force on the motors, joint side
-    across = -core @ Z_ml @ yielding  # angle of the motors per force on the links
+    if extra.impedance is None:  # springs alone are between motors and links: Z_ml is diagonal
+        spring = np.diagonal(Z_ml, axis1=1, axis2=2)
+        carried = -yielding * spring[:, None, :]  # q per theta / N
+        felt = Z_mm + spring[:, :, None] * carried
+    else:
+        carried = -yielding @ Z_lm
+        felt = Z_mm + Z_ml @ carried
+    core = N[:, None] * np.linalg.inv(felt)  # angle of the motors per force on the motors, joint side
     on_motor = N[:, None] * tau
     if extra.on_motor is not None:
         on_motor = on_motor + extra.on_motor[..., None]
     theta = core @ on_motor
+    if extra.on_link is None and not derive:
+        return theta, np.zeros((len(s), m, 0), dtype=complex)
+    across = -core @ Z_ml @ yielding  # angle of the motors per force on the links
     if extra.on_link is not None:
         theta = theta + across @ extra.on_link[..., None]
     if not derive:

@@ -283,7 +283,9 @@ def _play(
     encoder = [(drive.N / unit, unit) for drive, unit in zip(drives, resolution.tolist(), strict=True)]
     limits, port = [drive.tau_max for drive in drives], setup.live.index(setup.joint)
     qpos, qvel, ctrl, motor = data.qpos, data.qvel, data.ctrl, data.qpos[::2]
-    at_rest, preload, away = plant.qpos, plant.preload[live], np.zeros(5 * m)
+    at_rest, preload, away, missing = plant.qpos, plant.preload[live], np.zeros(5 * m), np.zeros(4 * m)
+    x_away, v_away, u_away = away[: 2 * m], away[2 * m : 4 * m], away[4 * m :]
+    x_missing, v_missing = missing[: 2 * m], missing[2 * m :]
     theta, tau = [], []
     for k, (torque, disturbance) in enumerate(zip(play.tolist(), noise.tolist(), strict=True)):
         state = machine.angles() if machine else motor.tolist()
@@ -307,13 +309,13 @@ def _play(
         if lacking is None:
             mujoco.mj_step(model, data, steps)
             continue
-        np.subtract(qpos, at_rest, out=away[: 2 * m])
-        away[2 * m : 4 * m] = qvel
-        np.subtract(ctrl, preload, out=away[4 * m :])
-        missing = lacking @ away
+        np.subtract(qpos, at_rest, out=x_away)
+        v_away[:] = qvel
+        np.subtract(ctrl, preload, out=u_away)
+        np.matmul(lacking, away, out=missing)
         mujoco.mj_step(model, data, steps)
-        qpos += missing[: 2 * m]
-        qvel += missing[2 * m :]
+        qpos += x_missing
+        qvel += v_missing
     return machine.recorded(np.array(theta), resolution) if machine else np.array(theta), np.array(tau)
 
 

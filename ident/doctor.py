@@ -12,7 +12,7 @@ from ident.campaign import Array
 from ident.design import Setup, prepare
 from ident.doctor_findings import Finding, JointCheck, of_band, of_drive, of_locks, of_plan
 from ident.errors import ExperimentError
-from ident.plant import build_plant
+from ident.plant import gravity_forces
 from symgen.plan import Cell, Plan, plan_of_robot
 from symgen.robot import Drive, Robot, load_robot
 
@@ -66,8 +66,7 @@ def _gravity(robot: Robot, plan: Plan) -> Array:
     drives = [robot.drive(name) for name in chain.names]
     random = plan.model.random_postures(_POSTURES, np.random.default_rng(0))
     postures = np.vstack([random, *[cell.q[None] for cell in plan.cells]])
-    preload = np.array([build_plant(chain, drives, robot.gravity, q).preload for q in postures])
-    return np.asarray(np.abs(preload * [drive.N for drive in drives]).max(axis=0))
+    return np.asarray(np.abs(gravity_forces(chain, drives, robot.gravity, postures)).max(axis=0))
 
 
 def _joint(robot: Robot, plan: Plan, i: int, setups: Sequence[tuple[Cell, Setup]], weight: float) -> JointCheck:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 
 from ident.bodies import Bodies
 from ident.effects.base import Arm, Effect, Law, Path, PortLaw, State
@@ -208,6 +207,8 @@ def _wind(here: Injected, joint: Live, load: float, extra: dict[tuple[str, int],
 
 def _root(f: Callable[[float], float], x: float) -> float | None:
     """The root of f nearest to x, roughly; x itself where f vanishes there. None: nowhere near."""
+    from scipy.optimize import brentq  # not by every worker: it takes as long as MuJoCo to load
+
     if f(x) == 0.0:
         return x
     reach = 1e-12 + 1e-9 * abs(x)

@@ -137,7 +137,7 @@ def build_plant(
     live = everything if free is None else (free,)
     model = _compile(chain, drives, gravity, q, live, step, integrator)
     whole = model if free is None else _compile(chain, drives, gravity, q, everything, step, integrator)
-    force = _gravity_force(whole, q)
+    force = _gravity_forces(whole, q[None])[0]
     N, K = (np.array([getattr(drive, name) for drive in drives]) for name in ("N", "K"))
     at_rest = np.stack([q + force / K, -force / K], axis=1)[list(live)].ravel()
     return Plant(model, drives, q, live, N * (q + force / K), force / N, at_rest)
@@ -160,7 +160,8 @@ def linearise(plant: Plant) -> Linear:
     drives = [plant.drives[i] for i in plant.live]
     N, J_m, K, D, D_spring = (np.array([getattr(d, k) for d in drives]) for k in ("N", "J_m", "K", "D", "D_spring"))
     q = plant.posture[list(plant.live)]
-    slope = np.array([_gravity_force(model, q + s) - _gravity_force(model, q - s) for s in _DIFFERENCE * np.eye(m)])
+    away = _DIFFERENCE * np.eye(m)
+    slope = _gravity_forces(model, q + away) - _gravity_forces(model, q - away)
     spring, damper, none = np.diag(K), np.diag(D_spring), np.zeros((m, m))
     return Linear(
         M=np.block([[np.diag(N**2 * J_m), none], [none, J]]),
@@ -170,12 +171,19 @@ def linearise(plant: Plant) -> Linear:
     )
 
 
-def _gravity_force(model: mujoco.MjModel, q: Array) -> Array:
-    """Gravity forces [m, N m] on the m live joints at link angles q [m, rad]: what holds the arm at rest."""
-    data = mujoco.MjData(model)
-    data.qpos[::2] = q
-    mujoco.mj_forward(model, data)
-    return np.array(data.qfrc_bias[1::2])
+def gravity_forces(chain: Chain, drives: Sequence[Drive], gravity: ArrayLike, postures: Array) -> Array:
+    """Returns the gravity forces [k, n, N m] at link angles `postures` [k, n, rad or m]; the rest as in `build_plant`."""
+    return _gravity_forces(build_plant(chain, drives, gravity, postures[0]).model, postures)
+
+
+def _gravity_forces(model: mujoco.MjModel, q: Array) -> Array:
+    """Gravity forces [k, m, N m] on the m live joints at link angles q [k, m, rad]: what holds the arm at rest."""
+    data, forces = mujoco.MjData(model), np.empty_like(q)
+    for one, force in zip(q, forces, strict=True):
+        data.qpos[::2] = one
+        mujoco.mj_forward(model, data)
+        force[:] = data.qfrc_bias[1::2]
+    return forces
 
 
 def _compile(

@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.campaign import Array
 from ident.errors import IdentError
-from ident.plant import build_plant
+from ident.plant import gravity_forces
 from ident.toml_text import key, quoted
 from symgen.chain import PRISMATIC, Chain
 from symgen.plan import chain_of_file, make_model
@@ -60,7 +60,7 @@ def starting_drives(chain: Chain, gravity: Array) -> tuple[tuple[Drive, ...], Ar
     q = model.random_postures(_POSTURES, np.random.default_rng(0))
     J = np.diagonal(model.J_cad(q), axis1=1, axis2=2)
     moving = [Drive(j.name, 1.0, 1.0, 1.0, 0.0, 0.0, 1, 1.0, j.type == PRISMATIC) for j in chain.joints]
-    force = np.array([np.abs(build_plant(chain, moving, gravity, posture).preload) for posture in q]).max(axis=0)
+    force = np.abs(gravity_forces(chain, moving, gravity, q)).max(axis=0)
     middle = np.exp(np.log(np.maximum(J, 1e-9)).mean(axis=0))
     drives = []
     for joint, inertia, weight in zip(chain.joints, middle, force, strict=True):

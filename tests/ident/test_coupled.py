@@ -137,15 +137,27 @@ def test_exact_responses_give_the_exact_arm(model: Model) -> None:
         np.testing.assert_allclose(found.predict(k), one.theta, rtol=1e-5)
 
 
-@pytest.mark.parametrize("off", [[3.0, 3.0, 1.0, 1.0], [3.0, 0.4, 3.0, 0.4], [0.4, 3.0, 0.4, 3.0]])
-def test_a_start_far_off_ends_at_the_same_optimum(model: Model, off: list[float]) -> None:
-    """K and J_m off by up to a factor 3, dampings by 30, constants by a fifth."""
-    data = measured(model, np.random.default_rng(8), noise=0.005, step=ENCODER)
+@pytest.fixture(scope="module")
+def noisy(model: Model) -> Campaign:
+    return measured(model, np.random.default_rng(8), noise=0.005, step=ENCODER)
+
+
+@pytest.fixture(scope="module")
+def best(model: Model, noisy: Campaign) -> CoupledFit:
+    """The fit that starts at the truth."""
     arm, beta = linear_arm(model, POSTURES[0]), gravity_basis(model, GRAVITY) @ model.chain.parameters
-    best = fitted(model, data, Start(arm.K, arm.J_m, arm.D, arm.D_spring, model.alpha_cad, beta))
+    return fitted(model, noisy, Start(arm.K, arm.J_m, arm.D, arm.D_spring, model.alpha_cad, beta))
+
+
+@pytest.mark.parametrize("off", [[3.0, 3.0, 1.0, 1.0], [3.0, 0.4, 3.0, 0.4], [0.4, 3.0, 0.4, 3.0]])
+def test_a_start_far_off_ends_at_the_same_optimum(
+    model: Model, noisy: Campaign, best: CoupledFit, off: list[float]
+) -> None:
+    """K and J_m off by up to a factor 3, dampings by 30, constants by a fifth."""
+    arm, beta = linear_arm(model, POSTURES[0]), gravity_basis(model, GRAVITY) @ model.chain.parameters
     K, J_m = arm.K * off[:2], arm.J_m * off[2:]
     alpha = model.alpha_cad * np.resize([1.2, 0.8], len(model.names))
-    found = fitted(model, data, Start(K, J_m, arm.D * 30, arm.D_spring / 30, alpha, 0.5 * beta))
+    found = fitted(model, noisy, Start(K, J_m, arm.D * 30, arm.D_spring / 30, alpha, 0.5 * beta))
     assert best.explained and found.explained and found.converged
     std = np.sqrt(np.diag(best.covariance))
     assert np.all(np.abs(found.alpha - best.alpha) < 0.1 * std)  # a fit ends within a hundredth of what is left

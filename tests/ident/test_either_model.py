@@ -26,13 +26,14 @@ DELAY, JOINT = 3e-4, 1
 
 
 @cache
-def campaign(delay: float) -> Campaign:
-    """All cells of the plan, so that the records determine general links, too."""
-    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells] * 2
+def campaign(delay: float, times: int = 2) -> Campaign:
+    """All cells of the plan so many times, so that the records determine general links, too."""
+    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells] * times
     effects = [InputDelay(JOINT, (delay,))] if delay else []
     return simulate(chain_of_robot(SHORT), SHORT, cells, effects=effects, workers=1, seed=5)
 
 
+@pytest.mark.bench  # e2e/test_diagnose has it of half as many records
 def test_records_that_lack_nothing_leave_no_zeros_believed() -> None:
     found, notes = diagnose_either(campaign(0.0))
     assert found.status == "explained" and not found.model.factoring.believed and not notes
@@ -97,6 +98,6 @@ def test_what_takes_fewer_numbers_is_taken(
         return SimpleNamespace(departs=not alone, diagnosed=diagnosed, left_beside=lambda found: beside)
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
-    found, notes = diagnose_either(campaign(0.0), believe)
+    found, notes = diagnose_either(campaign(0.0, 1), believe)
     assert bool(found.model.factoring.believed) == believed and len(runs) == tried
     assert bool(notes) == (believed and believe is None)

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from explaining import Judged, judge
 
 from ident.arm_fit import hold, residual
 from ident.bench import simulate
-from ident.campaign import Campaign
+from ident.campaign import Campaign, Record
 from ident.cli import main
 from ident.coupled import declared_start, problem_of
 from ident.effects.base import Arm, Effect, Known, Law, Parameter, State
@@ -40,8 +41,15 @@ def run(effects: Sequence[Effect], joint: int = 2, lock: str = "rigid", robot: A
     return simulate(YPP, robot, [(YPP.names[joint], POSTURE)], lock=lock, effects=effects, workers=1, **options)
 
 
-def judged(effect: Effect, joint: int, lock: str, robot: Any = QUIET) -> Judged:
-    (record,) = run([effect], joint, lock, robot).records
+@cache
+def clean() -> Record:
+    """The third joint of the arm without any effect."""
+    return run([]).records[0]
+
+
+def judged(effect: Effect, joint: int, lock: str, robot: Any = QUIET, record: Record | None = None) -> Judged:
+    """Of `record`, or of one that is simulated for it."""
+    record = record or run([effect], joint, lock, robot).records[0]
     drives = tuple(robot.drive(name) for name in YPP.names)
     arm, q = effect.arm(Arm(YPP, drives, np.asarray(robot.gravity)), 0), effect.posture(POSTURE)
     plant = build_plant(arm.chain, arm.drives, arm.gravity, q, free=joint if lock == "rigid" else None)
@@ -75,20 +83,26 @@ SEEN = [
     ("motor-coulomb:level=0.0006@joint3", 2, "rigid"), ("motor-stribeck:level=0.0003,peak=0.0006,speed=0.5@joint3", 2, "rigid"),
     ("motor-quadratic-drag:drag=2e-5@joint3", 2, "rigid"), ("motor-hysteresis:level=0.0006,distance=0.05@joint3", 2, "rigid"),
     ("torque-ripple:amplitude=0.0001,order=2,phase=0.3@joint3", 2, "rigid"), ("torque-scale:error=0.05@joint3", 2, "rigid"),
-    ("torque-lag:time=0.0005@joint3", 2, "rigid"), ("input-delay:time=0.0027@joint3", 2, "rigid"),
     ("motor-coupling:ratio=0.04@joint2", 2, "dob"),
     ("spring-hardening:cubic=1e7@joint2", 1, "rigid"), ("backlash:gap=5e-5@joint1", 0, "rigid"),
     ("transmission-error:amplitude=2e-5,order=2,phase=0.5@joint3", 2, "rigid"), ("link-viscous:damping=0.5@joint3", 2, "rigid"),
     ("link-coulomb:level=0.05@joint3", 2, "rigid"), ("load-dependent-friction:share=0.01@joint2", 1, "rigid"),
-    ("cable-stiffness:stiffness=15@joint3", 2, "rigid"), ("time-offset:time=0.0007@joint3", 2, "rigid"),
-    ("time-offset:time=-0.0015", 2, "rigid"), ("encoder-eccentricity:amplitude=0.01,order=2@joint3", 2, "rigid"),
-    ("base-compliance:rock=60000,turn=60000", 1, "dob"),
-    ("link-flexibility:stiffness=15000@joint3", 2, "rigid"), ("link-flexibility:stiffness=15000,across=1@joint2", 0, "dob"),
-    ("attached-resonator:inertia=0.003,frequency=40@joint3", 2, "dob"), ("locked-joint-elasticity:stiffness=4500@joint2", 2, "rigid"),
+    ("cable-stiffness:stiffness=15@joint3", 2, "rigid"), ("time-offset:time=-0.0015", 2, "rigid"),
+    ("link-flexibility:stiffness=15000,across=1@joint2", 0, "dob"),
+    ("attached-resonator:inertia=0.003,frequency=40@joint3", 2, "dob"),
+]  # fmt: skip
+#: Those which the two tests after this one hold to 1e-5 and 2e-4.
+EXACTLY_SEEN = [
+    ("torque-lag:time=0.0005@joint3", 2, "rigid"), ("input-delay:time=0.0027@joint3", 2, "rigid"),
+    ("time-offset:time=0.0007@joint3", 2, "rigid"), ("encoder-eccentricity:amplitude=0.01,order=2@joint3", 2, "rigid"),
+    ("base-compliance:rock=60000,turn=60000", 1, "dob"), ("link-flexibility:stiffness=15000@joint3", 2, "rigid"),
+    ("locked-joint-elasticity:stiffness=4500@joint2", 2, "rigid"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "joint", "lock"), SEEN)
+@pytest.mark.parametrize(
+    ("text", "joint", "lock"), [*SEEN, *(pytest.param(*one, marks=pytest.mark.bench) for one in EXACTLY_SEEN)]
+)
 def test_the_fit_side_explains_the_simulated_side(text: str, joint: int, lock: str) -> None:
     """With the true parameters at least nine tenths of what an effect did to the record are explained.
 
@@ -158,9 +172,9 @@ def unexplained(effect: Effect, c: Campaign) -> tuple[np.ndarray, np.ndarray]:
 )  # fmt: skip
 def test_numbers_that_are_off_make_another_linear_arm(text: str) -> None:
     effect = parse(text, QUIET.drives)
-    assert judged(effect, 2, "rigid").without < 2e-4, "judged by the plant of the true numbers"
-    (clean,), (other,) = run([]).records, run([effect]).records
-    assert np.std((other.theta - clean.theta)[-1000:, 2]) > 1e-3 * np.std(clean.theta[-1000:, 2])
+    (other,) = run([effect]).records
+    assert judged(effect, 2, "rigid", record=other).without < 2e-4, "judged by the plant of the true numbers"
+    assert np.std((other.theta - clean().theta)[-1000:, 2]) > 1e-3 * np.std(clean().theta[-1000:, 2])
 
 
 def test_a_change_comes_with_its_record() -> None:

@@ -93,9 +93,15 @@ def bench(name: str, *values: float) -> Bench:
 
 
 @cache
+def declared(name: str, *values: float) -> Fitted:
+    """The declared arm, fitted to such records."""
+    return first(bench(name, *values))
+
+
+@cache
 def left(name: str, *values: float) -> Linearised:
-    """What the declared arm leaves of such records."""
-    found = first(bench(name, *values))
+    """What it leaves of them."""
+    found = declared(name, *values)
     return linearise(found.problem, found.minimum.vector, hold(found.problem, found.minimum.vector))
 
 
@@ -144,7 +150,7 @@ def test_curves_outdo_a_name_that_they_leave_little_of(now: float, port: str, ga
 
 def test_what_no_record_shows_of_a_curve_stays_at_nothing() -> None:
     tools = bench("detent", 2e-3, TEETH, 0.4)
-    start = first(tools)
+    start = declared("detent", 2e-3, TEETH, 0.4)
     away = learned("motor", "velocity", [-20.0, 0.0, 20.0, 1000.0, 2000.0])
     heights = (-1e-4, 0.0, 1e-4, 5e-5, 5e-5)
     vector, limits = np.concatenate([start.minimum.vector, heights]), ((-np.inf, np.inf),) * 5
@@ -155,7 +161,7 @@ def test_what_no_record_shows_of_a_curve_stays_at_nothing() -> None:
 def test_a_name_that_curves_outdo_is_drawn_as_a_curve() -> None:
     """The strongest wave of a law of the position is no torque ripple: most of the law is left for a curve beside it."""
     tools = bench("detent", 2e-3, TEETH, 0.4)
-    start = first(tools)
+    start = declared("detent", 2e-3, TEETH, 0.4)
 
     def added(state: Fitted, effect: Effect) -> Fitted:
         size = max(map(abs, effect.values))

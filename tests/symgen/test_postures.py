@@ -143,7 +143,11 @@ def test_the_number_of_spare_cells_is_the_callers() -> None:
 HARD = ("panda", "6R 0", "7R 0")
 
 
-@pytest.mark.parametrize("name", [*VENDORS, "6R 0", "7R 1"])
+@pytest.mark.parametrize(
+    "name",
+    # ur10 is ur5 at another scale
+    [*(pytest.param(name, marks=pytest.mark.bench if name == "ur10" else ()) for name in VENDORS), "6R 0", "7R 1"],
+)
 def test_a_plan_is_a_good_one_and_certified(name: str) -> None:
     """1 is the floor at the worst (i, q). Random cells are tens to thousands of times worse, a chain of per-joint plans
     two to thirty times (below)."""
