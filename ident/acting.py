@@ -20,6 +20,7 @@ import numpy as np
 from ident.arm_model import Extra, Parameters, stiffness
 from ident.campaign import Array
 from ident.effects.base import Effect, Motion, Swing, has_forces, overrides
+from ident.effects.sway import of_second_order
 from ident.frf import Complex
 from ident.scene import Scene, known, linear_extra
 
@@ -305,11 +306,7 @@ def _second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], moved:
     q, v = moved.of("q", live), moved.of("q_rate", live)
     q = q - q.mean(axis=0)
     a = scene.in_time(scene.s[:, None] * scene.at_lines(v))
-    by_k = dJ.transpose(0, 2, 1)  # [k, j, i]
-    parts = [(q, a, by_k), (v, v, by_k - 0.5 * dJ.transpose(1, 2, 0)), (q, q, 0.5 * dK.transpose(0, 2, 1))]
-    m = len(live)
-    pairs = np.concatenate([(x[:, :, None] * y[:, None, :]).reshape(-1, m * m) for x, y, _ in parts], axis=1)
-    force = -scene.at_lines(pairs @ np.concatenate([part.reshape(m * m, m) for _, _, part in parts]))
+    force = scene.at_lines(of_second_order(dJ, dK, q, v, a))
     giving = [e for e in effects if overrides(e, "second_order")]
     if giving:
         whole = np.zeros((3, len(q), scene.n))

@@ -34,6 +34,7 @@ from ident.trials import (
     NAMED,
     TIE,
     afresh,
+    ahead,
     chosen,
     earned,
     elsewhere,
@@ -272,11 +273,14 @@ def _round(
     `little` is left, only of those that promise most of it."""
     lin = linearised(state.problem, state.minimum.vector)
     begun = resting(bench, state, lin, progress) if little else hasty(bench, state, lin, first, progress)
-    tried = polished(bench, begun, first, progress)
-    best = chosen(bench, tried, state.select)
+    best = ahead(bench, begun, first, progress)
+    tried, led = begun, best is not None
+    if best is None:
+        tried = polished(bench, begun, first, progress)
+        best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best[1].select):
         return None
-    new = since(bench, fully(bench, best[1]))
+    new = since(bench, best[1] if led else fully(bench, best[1]))
     less = without(bench, new, new.effects[-1])  # what is gained by a better fit is no gain of the effect
     state = less if less.select < state.select else state
     dof = degrees(bench.split.select)

@@ -41,6 +41,8 @@ EFFORT = 1.5e5
 HARDLY = 0.125
 #: Candidates taken over from the declared arm.
 SURELY = 6
+#: Share of what any other candidate leaves that one leaves which is far ahead.
+AHEAD = 0.03
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
 FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
 #: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
@@ -184,6 +186,20 @@ def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> 
     )  # fmt: skip
 
 
+def ahead(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> Tried | None:
+    """A name so far ahead of all other candidates that these need not be fitted finely, at its minimum, if it leaves nothing there;
+    `first` as in `explains`."""
+    order = sorted(tried, key=_select)
+    if len(order) < 2 or is_curve(order[0]) or _select(order[0]) > AHEAD * _select(order[1]):
+        return None
+    best = order[0]
+    if explains(bench, best[1], first, CLOSE**2):
+        return None  # only those near it are fitted finely then
+    state = fully(bench, best[1])
+    progress(f"  far ahead, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+    return (best[0], state) if explains(bench, state, first) else None
+
+
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
     """The candidates, the best fitted finely: those near the noise where a name leaves nothing, given `first` as in `explains`;
     where none is near, what promised most besides (it may have been far from its place), and what still falls again and again.
@@ -292,12 +308,22 @@ def fully(bench: Bench, state: State) -> State:
     if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2:
         stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
-        state = min(all_fitted(bench, starts), key=lambda other: other.minimum.chi2)
+        state = lowest(bench, starts)
         if excess(bench, state) > NAMED:  # springs behind each other may have changed places
             declared = replace(state, minimum=replace(state.minimum, vector=_declared(bench, state)))
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
-            state = min([state, *all_fitted(bench, starts)], key=lambda other: other.minimum.chi2)
+            state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
     return fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
+
+
+def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
+    """The model that fits best of those from these starts, or the first that leaves nothing."""
+    found = []
+    for state in all_fitted(bench, starts):
+        found.append(state)
+        if excess(bench, state) <= NAMED:
+            break
+    return min(found, key=lambda other: other.minimum.chi2)
 
 
 def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.effects.base import Array, Complex
-from symgen.chain import REVOLUTE, Chain, Inertia, placements, skew
+from symgen.chain import REVOLUTE, Chain, Inertia, placements, readonly, skew
 
 
 def at_link(z: Complex, joint: int | None, n: int) -> Complex:
@@ -57,18 +57,49 @@ class Sprung:
         return np.asarray(on_links - (np.swapaxes(both, 1, 2) @ np.linalg.solve(own, on_own[..., None]))[..., 0])
 
 
-def twists(chain: Chain, q: Array) -> tuple[Array, list[tuple[Array, Array]]]:
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """A chain at a posture: the twists [n, 6] of its joints, the frames (R [3, 3], p [3]) of its links and their inertia [n, 6, 6],
+    as `_spatial`. Arrays are read only."""
+
+    chain: Chain
+    twists: Array
+    frames: tuple[tuple[Array, Array], ...]
+    bodies: Array
+
+    @staticmethod
+    def of(chain: Chain, q: Array) -> Posed:
+        R, p = np.eye(3), np.zeros(3)
+        rows, frames, bodies = [], [], []
+        for joint, (turn, shift) in zip(chain.joints, placements(chain, np.asarray(q)[None]), strict=True):
+            R, p = R @ turn[0], p + R @ shift[0]
+            axis = R @ joint.axis
+            rows.append(np.concatenate([skew(p) @ axis, axis] if joint.type == REVOLUTE else [axis, np.zeros(3)]))
+            frames.append((readonly(R), readonly(p)))
+            bodies.append(_spatial(joint.inertia.moved(R, p)))
+        return Posed(chain, readonly(rows), tuple(frames), readonly(bodies))
+
+
+#: Those that were asked for last: a fit asks for the postures of its records again and again.
+_POSED: dict[tuple[int, bytes], Posed] = {}
+MOST_POSED = 1000
+
+
+def _posed(chain: Chain, q: Array) -> Posed:
+    key = (id(chain), np.asarray(q, dtype=float).tobytes())
+    found = _POSED.get(key)
+    if found is None or found.chain is not chain:
+        if len(_POSED) >= MOST_POSED:
+            _POSED.clear()
+        found = _POSED[key] = Posed.of(chain, q)
+    return found
+
+
+def twists(chain: Chain, q: Array) -> tuple[Array, tuple[tuple[Array, Array], ...]]:
     """Returns the twists [n, 6] of the joints (velocity at the base's origin, angular velocity; base axes), and the frames
     (R [3, 3], p [3]) of the links, at posture q [n]."""
-    R, p = np.eye(3), np.zeros(3)
-    rows, frames = [], []
-    for joint, (turn, shift) in zip(chain.joints, placements(chain, np.asarray(q)[None]), strict=True):
-        R, p = R @ turn[0], p + R @ shift[0]
-        axis = R @ joint.axis
-        along, about = (np.cross(p, axis), axis) if joint.type == REVOLUTE else (axis, np.zeros(3))
-        rows.append(np.concatenate([along, about]))
-        frames.append((R, p))
-    return np.array(rows), frames
+    posed = _posed(chain, q)
+    return posed.twists, posed.frames
 
 
 def coupling(chain: Chain, q: Array, motion: Array, link: int = 0, share: float = 1.0) -> tuple[Array, Array]:
@@ -89,10 +120,11 @@ def weighed(
     second derivatives of the potential at posture q [n]. The first `before` joints move the axes of the motions, these
     those of the other joints."""
     joints, carried = _carried(chain, q, link, share)
+    across = skew(gravity)
 
     def second(outer: Array, inner: Array, body: Array) -> float:
         """What turns about `outer` do to what `inner` lifts of what it carries."""
-        return -float(gravity @ np.cross(outer[3:], (body @ inner)[:3]))
+        return float(outer[3:] @ (across @ (body @ inner)[:3]))
 
     V = [
         [
@@ -118,17 +150,18 @@ def inertia_and_weight(chain: Chain, q: Array, gravity: Array) -> tuple[Array, A
 
 def _carried(chain: Chain, q: Array, link: int, share: float) -> tuple[Array, Array]:
     """The twists [n, 6] of the joints, and what hangs on each [n, 6, 6] with a `share` of the body of `link`."""
-    joints, frames = twists(chain, q)
-    bodies = [_spatial(joint.inertia.moved(R, p)) for joint, (R, p) in zip(chain.joints, frames, strict=True)]
-    bodies[link] = share * bodies[link]
-    return joints, np.cumsum(bodies[::-1], axis=0)[::-1]
+    posed = _posed(chain, q)
+    bodies = posed.bodies.copy()
+    bodies[link] *= share
+    return posed.twists, np.cumsum(bodies[::-1], axis=0)[::-1]
 
 
 def own_inertia(chain: Chain, q: Array, link: int, motion: Array) -> Array:
     """What the body of one link alone contributes to the inertia between a `motion` [6] and the joints [n, kg m2]."""
-    joints, frames = twists(chain, q)
+    posed = _posed(chain, q)
+    joints = posed.twists.copy()
     joints[link + 1 :] = 0.0
-    return np.asarray(joints @ _spatial(chain.joints[link].inertia.moved(*frames[link])) @ motion)
+    return np.asarray(joints @ posed.bodies[link] @ motion)
 
 
 def _spatial(body: Inertia) -> Array:

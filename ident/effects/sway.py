@@ -56,8 +56,8 @@ def second_order(s: Complex, arm: Known, swing: Swing, sprung: Sprung, chain: Ch
     for order in range(3):
         giving[order][:, places] = swing.in_time(s[:, None] ** order * turn)
     slopes = _slopes(chain, posture, np.zeros(3) if arm.gravity is None else arm.gravity)
-    forces = _forces(slopes, giving)
-    more = forces - _forces(slopes, stiff)
+    forces = of_second_order(*slopes, *giving)
+    more = forces - of_second_order(*slopes, *stiff)
     more[:, places] = 0.0
     return sprung.passed_on(s, swing.at_lines(more[:, links]), swing.at_lines(forces[:, places]))
 
@@ -71,12 +71,12 @@ def _slopes(chain: Chain, q: Array, gravity: Array) -> tuple[Array, Array]:
     return np.array([J for J, _ in found]), np.array([K for _, K in found])
 
 
-def _forces(slopes: tuple[Array, Array], motion: Array) -> Array:
-    """Forces of second order [S, n] on all joints in a `motion` [3, S, n] of positions, velocities and accelerations."""
-    dJ, dK = slopes
-    q, v, a = motion
-    by_change = np.einsum("sk,kij,sj->si", q, dJ, a, optimize=True) + np.einsum(
-        "sk,kij,sj->si", v, dJ, v, optimize=True
-    )
-    by_speed = 0.5 * np.einsum("sk,ikj,sj->si", v, dJ, v, optimize=True)
-    return np.asarray(by_speed - by_change - 0.5 * np.einsum("sk,kij,sj->si", q, dK, q, optimize=True))
+def of_second_order(dJ: Array, dK: Array, q: Array, v: Array, a: Array) -> Array:
+    """Rigid-body forces of second order [S, n] in positions, velocities, accelerations [S, n] about a posture, of what the inertia
+    matrix and the stiffness of gravity change by, d/dq_k [k, i, j]: Coriolis and centrifugal forces, and what J and gravity
+    change by."""
+    by_k = dJ.transpose(0, 2, 1)  # [k, j, i]
+    parts = [(q, a, by_k), (v, v, by_k - 0.5 * dJ.transpose(1, 2, 0)), (q, q, 0.5 * dK.transpose(0, 2, 1))]
+    S, n = q.shape
+    pairs = np.concatenate([(x[:, :, None] * y[:, None, :]).reshape(S, n * n) for x, y, _ in parts], axis=1)
+    return np.asarray(-pairs @ np.concatenate([part.reshape(n * n, n) for _, _, part in parts]))
