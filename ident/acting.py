@@ -26,6 +26,8 @@ from ident.scene import Scene, known, linear_extra
 
 #: Error of every equation, relative to the torque in it; and of that in which a force acts that is not known well.
 TRUST, DOUBT = 1e-4, 0.3
+#: Samples a period per line where all that is of second order is products of two signals: none of theirs falls back on a line.
+OF_PRODUCTS = 3
 #: Times the forces are computed from the links that they move.
 PASSES = 2
 
@@ -63,9 +65,9 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str =
     """
     if scene.slopes is None and not any(has_forces(e) for e in effects) and not doubted:
         return None
-    wide = scene.wide
-    linear = linear_extra(wide, p, effects)
     forceful = [e for e in effects if has_forces(e)]
+    wide = scene.wide if forceful or doubted else replace(scene.wide, oversampled=OF_PRODUCTS)
+    linear = linear_extra(wide, p, effects)
     doubts = {
         port: np.full(len(scene.arm.live), DOUBT if port == doubted else 0.0) for port in ("motor", "spring", "link")
     }

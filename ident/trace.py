@@ -8,7 +8,7 @@ parameters), never by correlation alone.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -76,7 +76,8 @@ class Linearised:
 
         def at(port: str) -> Iterator[Motion]:
             for one in self.problem.data:
-                how = moved(self.problem.scene(one, effects), in_record(p, effects, one.index), effects, port)
+                scene = replace(self.problem.scene(one, effects), oversampled=one.scene.oversampled)
+                how = moved(scene, in_record(p, effects, one.index), effects, port)
                 assert how is not None
                 yield how.motion
 

@@ -105,6 +105,14 @@ def left(name: str, *values: float) -> Linearised:
     return linearise(found.problem, found.minimum.vector, hold(found.problem, found.minimum.vector))
 
 
+def test_waves_are_looked_for_beside_dry_friction() -> None:
+    """Records are told more finely where friction is found than where more is looked for."""
+    end = diagnosed.diagnosis().end
+    lin = linearise(end.problem, end.minimum.vector, hold(end.problem, end.minimum.vector))
+    seen = spectrum(lin, "motor", "motor", diagnosed.JOINT, 20.0, dry=True)
+    assert seen is not None and np.isfinite(seen.fall).all() and seen.fall.max() > 0.0
+
+
 def test_a_spectrum_is_what_each_wave_explains() -> None:
     """Against the sum over all lines, wave by wave; to 5 %, cells of positions being an eighth of the shortest wave."""
     lin = left("detent", 2e-3, TEETH, 0.4)
