@@ -203,15 +203,19 @@ def ahead(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
     """The candidates, the best fitted finely: those near the noise where a name leaves nothing, given `first` as in `explains`;
     where none is near, what promised most besides (it may have been far from its place), and what still falls again and again.
+    Where a curve leaves nothing and is far ahead of all names, these are not looked for any farther.
     """
     near = CLOSE**2 * degrees(bench.split.select)
     named = _once(sorted((one for one in tried if not is_curve(one)), key=_select))
     drawn = sorted((one for one in tried if is_curve(one)), key=_select)
     finalists = named[:FINALISTS] + drawn[:1]
+    by_curve = (
+        bool(named and drawn) and excess(bench, drawn[0][1]) <= NAMED and _select(drawn[0]) <= AHEAD * _select(named[0])
+    )
     if named and explains(bench, named[0][1], first, CLOSE**2):
         rivals = named[:FINALISTS] + (drawn[:1] if excess(bench, named[0][1]) > NAMED else [])
         finalists = [one for one in rivals if _select(one) <= near]
-    elif named and _select(named[0]) > near:
+    elif named and _select(named[0]) > near and not by_curve:
         finalists += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
     others = [one for one in tried if all(one is not other for other in finalists)]
     falling, settled = finalists, []
@@ -230,7 +234,8 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     if best_name is None:
         return found
     better = _otherwise(bench, best_name[1], progress)
-    if not explains(bench, better, first) or (_winds_up(better.effects[-1]) and excess(bench, better) > NAMED):
+    far = not explains(bench, better, first) or (_winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
+    if far and not (by_curve and _select(drawn[0]) <= AHEAD * better.select):
         better = elsewhere(bench, better, better.effects[-1], progress)
     return [(one[0], better) if one is best_name else one for one in found]
 
@@ -376,7 +381,7 @@ def since(bench: Bench, state: State) -> State:
 def elsewhere(bench: Bench, state: State, effect: Effect, progress: Callable[[str], None]) -> State:
     """The model, or a better one that lies where a force of `effect` is some other size: what moves so that a force
     follows has more than one way to."""
-    sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None and not p.whole]
+    sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None and not p.whole and effect.values[k]]
     if not has_forces(effect) or effect.name == "unknown" or not sizes:
         return state
     refits = _resized(state, effect, sizes, ELSEWHERE)
