@@ -3,6 +3,9 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
+INSTALL := $(BIN)/pip install -q --disable-pip-version-check --no-compile
+# By all cores, without the tests of others.
+COMPILE := $(BIN)/python -m compileall -q -j 0 -x '/tests?/' .venv/lib
 # Tests and workers are compiled once, not by every process again.
 unexport PYTHONDONTWRITEBYTECODE
 ROBOT := robots/ypp3
@@ -56,12 +59,14 @@ lock:
 	@touch $@
 
 .venv/runtime: .venv/python requirements.lock pyproject.toml
-	$(BIN)/pip install -q --disable-pip-version-check -r requirements.lock
-	$(BIN)/pip install -q --disable-pip-version-check --no-deps -e .
+	$(INSTALL) -r requirements.lock
+	$(INSTALL) --no-deps -e .
+	$(COMPILE)
 	@touch $@
 
 .venv/dev: .venv/runtime requirements-dev.lock
-	$(BIN)/pip install -q --disable-pip-version-check -r requirements-dev.lock
+	$(INSTALL) -r requirements-dev.lock
+	$(COMPILE)
 	@touch $@
 
 clean:

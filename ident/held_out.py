@@ -17,6 +17,7 @@ from ident.departures import EDGES, loud
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect, Motion, has_forces
 from ident.evidence import Evidence
+from ident.excitation import synthesise
 from ident.frf import Complex
 from ident.refits import State, same
 from ident.trace import PORTS, Linearised, linearise
@@ -144,16 +145,15 @@ def reconstructed(d: Diagnosis, effect: Effect) -> Force | None:
     left = residual(d.end.problem, d.end.minimum.vector, with_it, moved)[0]
     explained = r - (lin.W[at] @ left[..., None])[..., 0]
     law = _law(effect, motion)
-    scene = d.end.problem.scene(with_it, d.end.effects)
+    x, v, torque = motion.at(effect.port, effect.joint)
     if law is None:
-        shown = scene.in_time(_along(ports[key], explained)[0][:, None])[:, 0]
+        shown = synthesise(with_it.scene.lines, _along(ports[key], explained)[0], len(x))
         level = 0.0
     else:
         shown, level = law, float(law.mean())
-    x, v, torque = motion.at(effect.port, effect.joint)
     excess = max(2.0 * float(np.sum(np.abs(r) ** 2)) - 2.0 * r.size, 1e-300)
     return Force(
-        one.index, effect.port, effect.joint, scene.in_time(force[:, None])[:, 0] + level, shown, x, v, torque,
+        one.index, effect.port, effect.joint, synthesise(with_it.scene.lines, force, len(x)) + level, shown, x, v, torque,
         2.0 * powers[at] / excess,
     )  # fmt: skip
 

@@ -49,6 +49,15 @@ def test_the_reconstructed_force_is_the_friction_that_was_put_in():
     assert 0.8 < force.share < 1.1
 
 
+def test_what_has_no_force_of_its_own_is_drawn_by_what_it_explains():
+    """A lag changes the torque of a motor: what the records want there, by as many samples as the motion it is drawn against."""
+    d, lag = diagnosis(), TorqueLag(JOINT, (1e-3,))
+    problem = replace(d.end.problem, effects=(lag,))
+    force = reconstructed(replace(d, end=replace(d.end, effects=(lag,), problem=problem)), lag)
+    assert force is not None and np.std(force.found) > 0.1 * LEVEL
+    assert force.found.shape == force.law.shape == force.position.shape == force.velocity.shape == force.torque.shape
+
+
 def test_an_effect_without_a_port_has_no_force():
     d = diagnosis()
     assert reconstructed(d, TorqueLag(None, (1e-3,))) is None
