@@ -19,7 +19,8 @@ import numpy as np
 
 from ident.arm_model import Extra, Parameters, stiffness
 from ident.campaign import Array
-from ident.effects.base import Effect, Motion, Swing, has_forces, overrides
+from ident.effects.base import Effect, Swing, has_forces, overrides
+from ident.effects.motion import Motion
 from ident.effects.sway import of_second_order
 from ident.frf import Complex
 from ident.scene import Scene, known, linear_extra
@@ -199,12 +200,11 @@ def _forces(scene: Scene, now: Mapping[tuple[str, int], Array], how: Moved) -> d
     """Forces at the lines that are `now` in time, if the motion alone is asked."""
     on = _nothing(scene)
     for port, k in now.keys() | (how.found or {}).keys():
-        signal = now.get((port, k), np.zeros(scene.samples))
-        if how.found is None:
-            on[port][:, k] = scene.at_lines(signal)
-            continue
         key = (port, k)
-        on[port][:, k] = how.found[key] + scene.at_lines(signal - how.base[key])
+        if how.found is None:
+            on[port][:, k] = scene.at_lines(now[key])
+        else:
+            on[port][:, k] = how.found[key] + scene.at_lines(now.get(key, 0.0) - how.base[key])
     return on
 
 

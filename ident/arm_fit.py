@@ -20,7 +20,7 @@ from ident.effects.base import Effect, Known, has_forces, only_forces, only_impe
 from ident.evidence import Evidence
 from ident.forked import forked
 from ident.frf import Complex
-from ident.scene import Scene, known, linear_extra
+from ident.scene import Scene, in_record, known, linear_extra
 from ident.smoothing import smoothed
 from ident.whitening import Powers, noise_powers, whitening
 
@@ -42,8 +42,6 @@ UNSEEN_INFORMATION = 1e-2
 INFORMATION_ROUNDING = 1e-13
 #: Share of itself, or of its scale, by which an effect's parameter is changed to see what it does; of itself, what its impedance depends on.
 NUDGE, IMPEDANCE_NUDGE = 1e-4, 1e-6
-#: Dry friction stops a joint within so small a part of a sample that it takes so many times as many.
-STOPS = 2
 #: Where dry friction was found, by record and by port and joint.
 Slides = Mapping[int, Mapping[tuple[str, int], Slid]]
 #: What of `Extra` is forces and readings.
@@ -92,14 +90,11 @@ class Problem:
         return tuple(found)
 
     def scene(self, one: Evidence, effects: Sequence[Effect]) -> Scene:
-        """The record's scene, at the posture where the effects put the arm, told finely enough for them."""
-        scene, q = one.scene, one.scene.posture
+        """The record's scene, at the posture where the effects put the arm."""
+        q = one.scene.posture
         for effect in effects:
             q = effect.posture(q)
-        if q is not scene.posture:
-            scene = replace(scene, arm=self.posture_of(one, q), posture=q)
-        stops = any(effect.dry for effect in effects)
-        return replace(scene, oversampled=STOPS * scene.oversampled) if stops else scene
+        return one.scene if q is one.scene.posture else replace(one.scene, arm=self.posture_of(one, q), posture=q)
 
 
 @dataclass(frozen=True)
@@ -211,24 +206,22 @@ class Held:
 def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
     """Weights and motions of all records, for the arm at `vector`."""
     whole, effects = problem.parameters(vector), problem.effects_at(vector)
-    turning = bool(problem.turns) and any(map(has_forces, effects))
+    forceful = any(map(has_forces, effects))
 
     def told(one: Evidence) -> tuple[Moved | None, Powers]:
         p = in_record(whole, effects, one.index)
         scene = problem.scene(one, effects)
         powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear_extra(scene, p, effects))
-        how = moved(replace(scene, oversampled=one.scene.oversampled) if turning else scene, p, effects)
-        if how is not None and turning:
+        how = moved(scene, p, effects)
+        if how is not None and problem.turns and forceful:
             how = smoothed(scene, p, effects, how, one.sampling, powers, problem.turns, problem.slid.get(one.index))
         if how is not None and how.lined:
             linear = linear_part(scene, p, effects, how)
             powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)
         return how, powers
 
-    records = {
-        id(one.scene): one for one in problem.data
-    }  # one and the same may be judged at some lines here, at others there
-    every = forked(told, list(records.values()), problem.workers if any(map(has_forces, effects)) else 1)
+    records = {id(one.scene): one for one in problem.data}  # the same may be judged at some lines here, at others there
+    every = forked(told, list(records.values()), problem.workers if forceful else 1)
     found = dict(zip(records, every, strict=True))
     held = []
     for one in problem.data:
@@ -242,18 +235,6 @@ def slides(problem: Problem, held: Sequence[Held]) -> Slides:
     """Where dry friction was found in each record."""
     found = {one.index: kept.moved.slid for one, kept in zip(problem.data, held, strict=True) if kept.moved is not None}
     return {**problem.slid, **{record: slid for record, slid in found.items() if slid}}
-
-
-def in_record(p: Parameters, effects: Sequence[Effect], record: int) -> Parameters:
-    """The arm as it is in a record (from 0), where an effect changes it from one to the next."""
-    for effect in effects:
-        shares = effect.shares(record)
-        if shares:
-            changed = {name: np.array(getattr(p, name)) for name in shares}
-            for name, share in shares.items():
-                changed[name][effect.joint] *= 1.0 + share
-            p = replace(p, **changed)
-    return p
 
 
 def residual(

@@ -8,14 +8,13 @@ from itertools import product
 
 import numpy as np
 
-from ident.arm_fit import in_record
 from ident.effects.base import Effect, Parameter, only_impedance, scale
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import IdentError
 from ident.forked import forked
 from ident.frf import Complex
 from ident.periods import spectrum
-from ident.scene import known
+from ident.scene import in_record, known
 from ident.trace import Linearised
 
 #: Orders [per revolution] at which cogging, ripple and gear errors are looked for, how many of them are scored; and orders, or

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from ident.arm_fit import chi_squared, hold, minimise
 from ident.departures import errors
 from ident.deviations import Deviation, deviations
+from ident.minima import LEAST_GAIN
 from ident.parts import degrees
 from ident.refits import FINELY, Bench, State
-from ident.trials import LEAST_GAIN
 
 #: Declared numbers corrected at most.
 MOST = 6

@@ -22,6 +22,7 @@ from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
+from ident.minima import LEAST_GAIN, NAMED, afresh, elsewhere, fully, since, told
 from ident.parts import Split, degrees, sampled, split, split_lines
 from ident.refits import FEW_SAMPLES, Bench, Refit, State, all_fitted, excess, first, linearised, same, without
 from ident.trace import port_shares
@@ -30,24 +31,17 @@ from ident.trials import (
     CLOSE,
     CURVES,
     ENOUGH,
-    LEAST_GAIN,
-    NAMED,
     TIE,
-    afresh,
     ahead,
     chosen,
     earned,
-    elsewhere,
     explains,
-    fully,
     hasty,
     is_curve,
     polished,
     promising,
     refitted,
     resting,
-    since,
-    told,
 )
 from symgen.plan import Model
 
@@ -273,14 +267,14 @@ def _round(
     `little` is left, only of those that promise most of it."""
     lin = linearised(state.problem, state.minimum.vector)
     begun = resting(bench, state, lin, progress) if little else hasty(bench, state, lin, first, progress)
-    best = ahead(bench, begun, first, progress)
-    tried, led = begun, best is not None
+    tried, best = begun, ahead(bench, begun, first, progress)
     if best is None:
         tried = polished(bench, begun, first, progress)
         best = chosen(bench, tried, state.select)
-    if best is None or not np.isfinite(best[1].select):
-        return None
-    new = since(bench, best[1] if led else fully(bench, best[1]))
+        if best is None or not np.isfinite(best[1].select):
+            return None
+        best = best[0], fully(bench, best[1])
+    new = since(bench, best[1])
     less = without(bench, new, new.effects[-1])  # what is gained by a better fit is no gain of the effect
     state = less if less.select < state.select else state
     dof = degrees(bench.split.select)

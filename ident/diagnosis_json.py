@@ -23,10 +23,11 @@ from ident.effects.base import Effect
 from ident.effects.learned import Learned
 from ident.held_out import carried, held_out, noise_floor, sources
 from ident.links import nearest_links
+from ident.minima import LEAST_GAIN
 from ident.plain import plain, replace_file
 from ident.refits import State
 from ident.solve import inertia_std
-from ident.trials import LEAST_GAIN, LEAST_SHARE
+from ident.trials import LEAST_SHARE
 from symgen.plan import Model
 
 FORMAT, VERSION = "frf-verdict", 1

@@ -15,7 +15,8 @@ from ident.arm_fit import Problem, hold, residual
 from ident.campaign import Array
 from ident.departures import EDGES, loud
 from ident.diagnose import Diagnosis
-from ident.effects.base import Effect, Motion, has_forces
+from ident.effects.base import Effect, has_forces
+from ident.effects.motion import Motion
 from ident.evidence import Evidence
 from ident.excitation import synthesise
 from ident.frf import Complex

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ident.bodies import Bodies
-from ident.effects.base import Arm, Effect, Law, Path, PortLaw, State
+from ident.effects.base import Arm, Effect, Law, Path, PortLaw
+from ident.effects.motion import State
 from ident.effects.structure import LockedJointElasticity
 from ident.errors import ExperimentError
 from ident.plant import Plant, build_plant

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ident.acting import motion_of
 from ident.arm_model import Parameters, Sampling, response, stiffness, transfer
 from ident.campaign import Array
-from ident.effects.base import Effect, Motion
+from ident.effects.base import Effect
+from ident.effects.motion import Motion
 from ident.frf import Complex
 from ident.scene import Scene, known, linear_extra
 from ident.whitening import Powers

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ident import rk4
 from ident.delay import Line
-from ident.effects.base import Path, State
+from ident.effects.base import Path
+from ident.effects.motion import State
 from ident.injection import Injected, Live, mass_matrix
 from ident.ports import Port, torques
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import expm1
 
-from ident.effects.base import State
+from ident.effects.motion import State
 
 Force = Callable[[State], float]
 

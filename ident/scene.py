@@ -103,6 +103,18 @@ def known(scene: Scene, p: Parameters) -> Known:
     )
 
 
+def in_record(p: Parameters, effects: Sequence[Effect], record: int) -> Parameters:
+    """The arm as it is in a record (from 0), where an effect changes it from one to the next."""
+    for effect in effects:
+        shares = effect.shares(record)
+        if shares:
+            changed = {name: np.array(getattr(p, name)) for name in shares}
+            for name, share in shares.items():
+                changed[name][effect.joint] *= 1.0 + share
+            p = replace(p, **changed)
+    return p
+
+
 def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extra:
     """Impedances and gains of `effects` at the lines."""
     live, s = scene.arm.live, scene.s

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from ident.acting import Moved, Slid, signals
 from ident.arm_model import Parameters, Sampling
 from ident.campaign import Array
-from ident.effects.base import Effect, Law, Motion
+from ident.effects.base import Effect, Law
+from ident.effects.motion import Motion
 from ident.frf import Complex
 from ident.likely_motion import Force, Forces, Key, LikelyMotion
 from ident.scene import Scene
@@ -32,6 +33,8 @@ SAME = 1e-4
 STEPS, TURNS, SETTLED, DAMPED, BEHIND = 20, 60, 1e-4, (0.5, 2.0, 0.125), 0.25
 #: Turns that are mixed, the change that ends them; times that the best line is found from which they start.
 MEMORY, SLID, BALANCES = 8, 1e-4, 3
+#: Dry friction stops a joint within so small a part of a sample that it takes so many times as many.
+STOPS = 2
 #: Share by which inner products of a turn with itself are lifted where turns are mixed.
 RIDGE = 1e-4
 #: Growth of the change from one step to the next, from the least, that ends them too.
@@ -73,6 +76,8 @@ def _smoothed(
     scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, powers: Powers, turns: int,
     slid: dict[Key, Slid],
 ) -> Moved:  # fmt: skip
+    if any(effect.dry for effect in effects):
+        scene = replace(scene, oversampled=STOPS * scene.oversampled)
     arm = LikelyMotion.of(scene, p, effects, start.second, sampling, powers)
     on = {key: Force.of(arm.scene, x) for key, x in signals(arm.scene, effects, start.motion).items()}
     best, least = on, arm.misfit(on)
@@ -168,9 +173,8 @@ def _sliding(
 
 def _told_by(x: Array, samples: int) -> Array:
     """A period x [S] told by so many samples."""
-    if len(x) == samples:
-        return x
-    return np.interp(np.arange(samples) * (len(x) / samples), np.arange(len(x) + 1), np.append(x, x[0]))
+    S = len(x)
+    return x if S == samples else np.interp(np.arange(samples) * (S / samples), np.arange(S), x, period=S)
 
 
 def _balanced(scene: Scene, friction: Callable[[Array], Array], v0: Complex, Y: Complex) -> Array:

@@ -8,19 +8,19 @@ parameters), never by correlation alone.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ident.acting import moved
-from ident.arm_fit import Held, Problem, in_record, residual
+from ident.arm_fit import Held, Problem, residual
 from ident.arm_model import transfer
 from ident.campaign import Array
-from ident.effects.base import Motion
+from ident.effects.motion import Motion
 from ident.frf import Complex
-from ident.scene import linear_extra
+from ident.scene import in_record, linear_extra
 
 #: Ports at which one signal acts on one joint.
 PORTS = ("motor", "spring", "link", "sensor")
@@ -76,8 +76,7 @@ class Linearised:
 
         def at(port: str) -> Iterator[Motion]:
             for one in self.problem.data:
-                scene = replace(self.problem.scene(one, effects), oversampled=one.scene.oversampled)
-                how = moved(scene, in_record(p, effects, one.index), effects, port)
+                how = moved(self.problem.scene(one, effects), in_record(p, effects, one.index), effects, port)
                 assert how is not None
                 yield how.motion
 

@@ -7,20 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.arm_fit import chi_squared, hold
-from ident.campaign import Array
 from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
 from ident.curves import curves
-from ident.effects.base import Effect, Law, has_forces, only_impedance
+from ident.effects.base import Effect, Law, only_impedance
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.learned import Learned
 from ident.forked import forked
+from ident.minima import LEAST_GAIN, NAMED, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
     BENT,
-    FAINTLY,
     FINELY,
-    FULLY,
     HASTILY,
     Bench,
     Refit,
@@ -29,7 +25,6 @@ from ident.refits import (
     excess,
     fitted,
     linearised,
-    same,
 )
 from ident.trace import Linearised
 
@@ -45,18 +40,10 @@ SURELY = 6
 AHEAD = 0.03
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
 FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
-#: An effect earns its place with this fall of chi^2 on the records that chose it, and this share of what was in excess.
-LEAST_GAIN, LEAST_SHARE = 40.0, 0.2
+#: An effect earns its place with this share of what was in excess, besides `LEAST_GAIN`.
+LEAST_SHARE = 0.2
 #: A learned curve takes a name's place where it leaves less than this share of what the name leaves.
 CURVE_RATIO = 0.3
-#: chi^2 per degree of freedom above which a name leaves something for a curve to explain.
-NAMED = 1.1
-#: Sizes, of what it is, from where what forces is tried again.
-ELSEWHERE = (0.7, 0.85, 1.1, 1.2, 1.35)
-#: And stiffnesses from where an impedance that was chosen is fitted again.
-VALLEY = (0.5, 0.75, 1.35, 2.0)
-#: And from where beside the declared arm one of them is, if it still leaves something.
-STIFFER = (3.0, 10.0, 30.0)
 #: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
 TIE, ALIKE = 12.0, 0.05
 #: How many times the noise the error of a model is that is near.
@@ -303,99 +290,3 @@ def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
     """Whether a learned curve, that can play any law of its variable, leaves so much less than a name that the name is wrong."""
     by_name = named.select - degrees(bench.split.select)
     return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and excess(bench, named) > NAMED
-
-
-def fully(bench: Bench, state: State) -> State:
-    """The model at its minimum: of an impedance, whose shapes may do nearly the same in more than one place, at the lowest."""
-    last = state.effects[-1]
-    if last.name == "unknown":  # heights of a curve mean nothing by themselves
-        return fitted(bench, replace(Refit.of(state), outer=FULLY))
-    if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2:
-        stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
-        starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
-        state = lowest(bench, starts)
-        if excess(bench, state) > NAMED:  # springs behind each other may have changed places
-            declared = replace(state, minimum=replace(state.minimum, vector=_declared(bench, state)))
-            starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
-            state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
-    return fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
-
-
-def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
-    """The model that fits best of those from these starts, or the first that leaves nothing."""
-    found = []
-    for state in all_fitted(bench, starts):
-        found.append(state)
-        if excess(bench, state) <= NAMED:
-            break
-    return min(found, key=lambda other: other.minimum.chi2)
-
-
-def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
-    """The model, or a better one fitted from the declared arm: what was missing has led this one far astray."""
-    other = fitted(bench, replace(Refit.of(state), vector=_declared(bench, state), outer=FULLY, roughly=FAINTLY))
-    if other.select >= state.select:
-        return state
-    progress(f"  from the declared arm again: {excess(bench, other):.4g}")
-    return other
-
-
-def _declared(bench: Bench, state: State) -> Array:
-    """The declared arm with the effects of a model."""
-    return np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
-
-
-def _resized(state: State, effect: Effect, which: Sequence[int], factors: Sequence[float]) -> list[Refit]:
-    """The model from where these values of one of its effects are so many times as large."""
-    place = next(k for k, e in enumerate(state.effects) if same(e, effect))
-    first = state.problem.base + sum(len(e.values) for e in state.effects[:place])
-    refits = []
-    for factor in factors:
-        vector = state.minimum.vector.copy()
-        vector[[first + k for k in which]] *= factor
-        refits.append(replace(Refit.of(state), vector=np.clip(vector, state.problem.low, state.problem.high)))
-    return refits
-
-
-def since(bench: Bench, state: State) -> State:
-    """The same model, its last effect since the record that the choosing ones tell, of those between two that fit."""
-    effect = state.effects[-1]
-    names = [p.name for p in effect.parameters]
-    if "record" not in names:
-        return state
-    place = state.problem.base + sum(len(e.values) for e in state.effects[:-1]) + names.index("record")
-    now = int(effect["record"])
-    earlier = [one.index + 1 for one in bench.split.fit if one.index + 1 < now]
-    best = state
-    for record in range(max(earlier, default=1) + 1, now):
-        vector = state.minimum.vector.copy()
-        vector[place] = record
-        chosen = replace(state.problem, data=bench.split.select)
-        select = chi_squared(chosen, vector, hold(chosen, vector))
-        if select < best.select:
-            minimum = replace(state.minimum, vector=vector)
-            best = replace(state, effects=state.problem.effects_at(vector), minimum=minimum, select=select)
-    return best
-
-
-def elsewhere(bench: Bench, state: State, effect: Effect, progress: Callable[[str], None]) -> State:
-    """The model, or a better one that lies where a force of `effect` is some other size: what moves so that a force
-    follows has more than one way to."""
-    sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None and not p.whole and effect.values[k]]
-    if not has_forces(effect) or effect.name == "unknown" or not sizes:
-        return state
-    refits = _resized(state, effect, sizes, ELSEWHERE)
-    best = min(all_fitted(bench, refits), key=lambda other: other.select)
-    if best.select > state.select - max(LEAST_GAIN, 0.1 * (state.select - degrees(bench.split.select))):
-        return state
-    best = fully(bench, best)
-    progress(f"  elsewhere, {told(next(e for e in best.effects if same(e, effect)))}: {excess(bench, best):.4g}")
-    return best if best.select < state.select else state
-
-
-def told(effect: Effect) -> str:
-    place = "" if effect.joint is None else f" at joint {effect.joint + 1}"
-    if isinstance(effect, Learned):
-        again = "" if effect.period is None else f", again every {effect.period:.4g} rad"
-        return f"{effect.name}{place}: {effect.variable} at the {effect.port}{again}"
-    return f"{effect.name}{place} {[float(f'{v:.4g}') for v in effect.values][:4]}"

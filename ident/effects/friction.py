@@ -12,8 +12,9 @@ from typing import Any, final
 
 import numpy as np
 
-from ident.effects.base import Complex, Known, Law, Parameter, State
+from ident.effects.base import Complex, Known, Law, Parameter
 from ident.effects.impedance import at_link
+from ident.effects.motion import State
 
 #: Speed [rad/s or m/s, joint side] at which dry friction has three quarters of its level.
 CREEP = 5e-4

@@ -8,7 +8,8 @@ from typing import final
 
 import numpy as np
 
-from ident.effects.base import Array, Motion, Parameter, PortLaw, State
+from ident.effects.base import Array, Parameter, PortLaw
+from ident.effects.motion import Motion, State
 
 
 @final

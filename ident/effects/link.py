@@ -6,8 +6,9 @@ from typing import Any, final
 
 import numpy as np
 
-from ident.effects.base import Complex, Known, Law, Parameter, State
+from ident.effects.base import Complex, Known, Law, Parameter
 from ident.effects.impedance import at_link
+from ident.effects.motion import State
 
 
 @final

@@ -7,7 +7,8 @@ from typing import Any, final
 
 import numpy as np
 
-from ident.effects.base import Complex, Effect, Known, Law, Parameter, Path, State
+from ident.effects.base import Complex, Effect, Known, Law, Parameter, Path
+from ident.effects.motion import State
 from ident.errors import IdentError
 
 

@@ -7,7 +7,8 @@ from typing import final
 
 import numpy as np
 
-from ident.effects.base import Array, Complex, Effect, Known, Motion, Parameter
+from ident.effects.base import Array, Complex, Effect, Known, Parameter
+from ident.effects.motion import Motion
 
 
 @final

@@ -7,7 +7,8 @@ from typing import Any, final
 
 import numpy as np
 
-from ident.effects.base import Law, Parameter, State
+from ident.effects.base import Law, Parameter
+from ident.effects.motion import State
 
 
 @final

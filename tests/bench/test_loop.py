@@ -15,8 +15,9 @@ from loop.judge import ASKED, judged
 from loop.table import failures, table
 from outside import OUTSIDE, OUTSIDE_RANGES
 
-from ident.effects.base import SIGNALS, Law, State
+from ident.effects.base import Law
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.motion import SIGNALS, State
 
 STILL = State(0.3, 0.0, 0.1, 0.2, 0.0, 1e-3, 0.0, 5.0, 100.0, 5000.0)
 

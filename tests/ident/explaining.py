@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.campaign import Record
-from ident.effects.base import Effect, Known, Motion
+from ident.effects.base import Effect, Known
+from ident.effects.motion import Motion
 from ident.plant import Linear
 
 ALIASES = 16

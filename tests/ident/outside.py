@@ -10,8 +10,9 @@ from typing import Any, final
 
 import numpy as np
 
-from ident.effects.base import Effect, Law, Parameter, State
+from ident.effects.base import Effect, Law, Parameter
 from ident.effects.friction import direction
+from ident.effects.motion import State
 
 
 @final

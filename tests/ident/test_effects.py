@@ -7,10 +7,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ident.effects.base import PORTS, SCALES, SIGNALS, Effect, Known, Law, Motion, State, scale
+from ident.effects.base import PORTS, SCALES, Effect, Known, Law, scale
 from ident.effects.catalogue import CATALOGUE, parse, truth
 from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.impedance import coupling, twists, weighed
+from ident.effects.motion import SIGNALS, Motion, State
 from ident.errors import IdentError
 from symgen.robot import load_robot
 from symgen.urdf import load_chain

@@ -17,8 +17,9 @@ from ident.bench import simulate
 from ident.campaign import Campaign, Record
 from ident.cli import main
 from ident.coupled import declared_start, problem_of
-from ident.effects.base import Arm, Effect, Known, Law, Parameter, State
+from ident.effects.base import Arm, Effect, Known, Law, Parameter
 from ident.effects.catalogue import CATALOGUE, parse
+from ident.effects.motion import State
 from ident.errors import ExperimentError
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate

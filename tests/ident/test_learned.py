@@ -16,9 +16,10 @@ from ident.bench import simulate
 from ident.coupled import declared_start
 from ident.curves import curves
 from ident.diagnose import _outdone, _pruned
-from ident.effects.base import Effect, Law, State
+from ident.effects.base import Effect, Law
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import learned
+from ident.effects.motion import State
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.parts import Split

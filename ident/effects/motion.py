@@ -1,0 +1,110 @@
+"""How joints move in one record or at one instant: what a law is a function of.
+
+Motor ports are motor side (angle theta [rad], torque [N m]), spring and link ports joint side: the spring's position is its
+deflection theta/N - q, the link's is q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: The signals of a joint that moves: motor side, link side, its spring.
+SIGNALS = ("theta", "omega", "tau", "q", "q_rate", "deflection", "deflection_rate", "spring")
+#: Position, velocity and torque at a port.
+AT = {
+    "motor": ("theta", "omega", "tau"),
+    "sensor": ("theta", "omega", "tau"),
+    "spring": ("deflection", "deflection_rate", "spring"),
+    "link": ("q", "q_rate", "spring"),
+}
+
+
+@dataclass(slots=True)
+class State:
+    """How one joint moves: arrays [S] of a period, or floats at one instant.
+
+    theta [rad], omega, tau [N m] motor side; q, q_rate link side; deflection = theta/N - q, deflection_rate and spring (its torque)
+    joint side. Positions are absolute, means included.
+    """
+
+    theta: Any
+    omega: Any
+    tau: Any
+    q: Any
+    q_rate: Any
+    deflection: Any
+    deflection_rate: Any
+    spring: Any
+    N: float
+    K: float
+
+    def at(self, port: str) -> tuple[Any, Any]:
+        """Position and velocity at a port."""
+        position, velocity, _ = AT[port]
+        return getattr(self, position), getattr(self, velocity)
+
+    def when(self, samples: Any) -> State:
+        """The same at some of the samples."""
+        return Told(lambda name: getattr(self, name)[samples], self.N, self.K)
+
+    def moved(self, port: str, position: Any, velocity: Any) -> State:
+        """The same but for position and velocity at a port."""
+        other = Told(lambda name: getattr(self, name), self.N, self.K)
+        for name, value in zip(AT[port][:2], (position, velocity), strict=True):
+            setattr(other, name, value)
+        return other
+
+
+class Told(State):
+    """A state of which each signal is told when it is first asked for: a law needs one or two of them."""
+
+    __slots__ = ("tell",)
+
+    def __init__(self, tell: Callable[[str], Any], N: float, K: float) -> None:
+        self.tell, self.N, self.K = tell, N, K
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in SIGNALS:
+            raise AttributeError(name)
+        setattr(self, name, self.tell(name))
+        return getattr(self, name)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How all n joints move in one record: one period, samples `dt` [s] apart, gear ratios `N` and springs' stiffness `K` [n].
+
+    `tell` gives a signal [S] by its name, as in `State`, and the joint; what cannot be known is zero (a clamped joint).
+    """
+
+    dt: float
+    N: Array
+    K: Array
+    tell: Callable[[str, int], Array]
+    _told: dict[tuple[str, int], Array] = field(default_factory=dict)
+
+    def state(self, joint: int) -> State:
+        """The motion of one joint."""
+        return Told(lambda name: self.signal(name, joint), float(self.N[joint]), float(self.K[joint]))
+
+    def signal(self, name: str, joint: int) -> Array:
+        """One signal [S] of a joint."""
+        if (name, joint) not in self._told:
+            self._told[name, joint] = self.tell(name, joint)
+        return self._told[name, joint]
+
+    def at(self, port: str, joint: int) -> tuple[Array, Array, Array]:
+        """Position, velocity and torque [S] at a port of a joint."""
+        position, velocity, torque = AT[port]
+        return self.signal(position, joint), self.signal(velocity, joint), self.signal(torque, joint)
+
+    def of(self, name: str, joints: Sequence[int] | NDArray[np.int64]) -> Array:
+        """One signal of these joints [S, ..]."""
+        return np.stack([self.signal(name, int(j)) for j in joints], axis=1)
