@@ -223,7 +223,8 @@ def _motion(
     rotor = s**2 * (N**2 * p.J_m[live]) + s * (N**2 * p.D[live])
     by_motor = N * tau + on["motor"] - rotor * x
     by_spring = K * x + on["spring"]
-    links = stiffness(arm, p, scene.s, linear.impedance)[3] - _diagonal(K)
+    hung = stiffness(arm, p, scene.s, linear.impedance)[3]  # of links on their springs
+    links = hung - _diagonal(K)
     by_link = on["link"]
     if linear.impedance is not None:
         to_motors, to_links = linear.impedance[:, :m], linear.impedance[:, m:]
@@ -237,20 +238,19 @@ def _motion(
         "spring": np.abs(K) / N * theta_error + TRUST * torque,
         "link": np.abs(K) / N * theta_error + TRUST * torque,
     }
-    weight = {port: 1.0 / (error + doubts[port] * (torque + np.abs(on[port]))) for port, error in errors.items()}
-    eye, none = np.eye(m), np.zeros_like(links)
-    rows = [  # of (q, springs' torque)
-        (weight["motor"], np.concatenate([none, none + eye], axis=2), by_motor),
-        (weight["spring"], np.concatenate([_diagonal(K), none + eye], axis=2), by_spring),
-        (weight["link"], np.concatenate([links, none - eye], axis=2), by_link),
+    a, b, c = (1.0 / (error + doubts[port] * (torque + np.abs(on[port]))) ** 2 for port, error in errors.items())
+    total = a + b + c
+    rows = [  # of q, two equations of the springs' torque each
+        (np.sqrt(a * b / total), _diagonal(K), by_spring - by_motor),
+        (np.sqrt(a * c / total), links, by_motor + by_link),
+        (np.sqrt(b * c / total), hung, by_spring + by_link),
     ]
     A = np.concatenate([w[..., None] * row for w, row, _ in rows], axis=1)
-    b = np.concatenate([w * value for w, _, value in rows], axis=1)[..., None]
-    size: Array = np.linalg.norm(A, axis=1)
-    A = A / size[:, None, :]
+    right = np.concatenate([w * value for w, _, value in rows], axis=1)[..., None]
     adjoint = np.swapaxes(A.conj(), 1, 2)
-    found = np.linalg.solve(adjoint @ A, adjoint @ b)[..., 0] / size
-    q, spring = np.asarray(found[:, :m], dtype=complex), np.asarray(found[:, m:], dtype=complex)
+    q = np.asarray(np.linalg.solve(adjoint @ A, adjoint @ right)[..., 0], dtype=complex)
+    by_links = (links @ q[..., None])[..., 0] - by_link
+    spring = np.asarray((a * by_motor + b * (by_spring - K * q) + c * by_links) / total, dtype=complex)
 
     return motion_of(scene, p, theta, tau, q, spring, scene.N * scene.means[0], np.zeros(scene.n))
 

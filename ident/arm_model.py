@@ -7,20 +7,19 @@ a stiffness, and J(q) couples the links. (1), (2) of the paper are one joint of 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import zeta
 
 from ident.campaign import Array
 from ident.frf import Complex
 
-#: Aliases on each side in the response to a held torque. Those left out fall with the fourth power of frequency.
-ALIASES = 16
-#: Aliases on each side whose derivatives are computed, and one more for every fs that the highest mode lies above, up to so many:
-#: a mode far above is one of no arm, met on the way of a fit.
-NEAR_ALIASES, MORE_ALIASES = 1, 2
-#: Interpolation of the aliases is finer than this share of them; nodes beyond `MOST_NODES`: every line is computed.
-ALIAS_ACCURACY, MOST_NODES = 1e-10, 24
+#: Aliases of a held torque are summed by powers of 1/s to this share, where they lie so far above the arm's poles that so many
+#: powers do, their derivatives to this; aliases less than so many times as high as the fastest pole, up to so many a side, are
+#: computed one by one: a pole farther above is one of no arm, met on the way of a fit.
+ALIAS_ACCURACY, SLOPE_ACCURACY, CONVERGES, MOST_NEAR = 1e-9, 1e-5, 2.5, 16
 
 
 @dataclass(frozen=True)
@@ -108,8 +107,8 @@ NOTHING = Extra()
 def motion(arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, extra: Extra = NOTHING) -> Complex:
     """Returns the motor angles [L, m, c, rad] of torques `tau` [L, m, c, N m], motor side, at the lines of `sampling`.
 
-    Exact for a held torque but for the aliases beyond `ALIASES` and the accuracy of their interpolation. Of `extra` only
-    impedance and gains: forces belong to one column.
+    Exact for a held torque, but that impedances do nothing to its aliases. Of `extra` only impedance and gains: forces belong to
+    one column.
     """
     linear = replace(extra, on_motor=None, on_link=None, reading=None)
     return _motion(arm, p, sampling, tau, linear, False)[0]
@@ -124,10 +123,7 @@ def response(arm: Posture, p: Parameters, sampling: Sampling, extra: Extra = NOT
 def motion_and_derivatives(
     arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, extra: Extra = NOTHING, derive: bool = True
 ) -> tuple[Complex, Complex]:
-    """Returns the angles [L, m] for one column of torques [L, m] under `extra`, and their derivatives [L, m, P] by `arm.columns`.
-
-    Those leave out what the far aliases add (1e-5 of a derivative and less).
-    """
+    """Returns the angles [L, m] for one column of torques [L, m] under `extra`, and their derivatives [L, m, P] by `arm.columns`."""
     theta, derivatives = _motion(arm, p, sampling, tau[..., None], extra, derive)
     return theta[..., 0], derivatives
 
@@ -135,11 +131,7 @@ def motion_and_derivatives(
 def _motion(
     arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, extra: Extra, derive: bool
 ) -> tuple[Complex, Complex]:
-    """The continuous response at the line, plus all aliases; the derivatives [L, m, P] are those of column 0.
-
-    A held torque is read as (1 - 1/z) / Ts sum_k H(s_k) / s_k over s_k = j (w + 2 pi k fs). What H is at high frequency,
-    1 / (J_m s^2), is summed in closed form, the rest falls fast; at k != 0 it is smooth in w and interpolated.
-    """
+    """Angles and, if they are asked, their derivatives [L, m, P], those of column 0."""
     s = 2j * np.pi * sampling.f
     if extra.torque_gain is not None:
         tau = tau * extra.torque_gain[..., None]
@@ -157,45 +149,84 @@ def _motion(
 def _held(
     arm: Posture, p: Parameters, sampling: Sampling, tau: Complex, derive: bool, extra: Extra
 ) -> tuple[Complex, Complex]:
-    """`_motion` of a torque held between samples."""
-    s, Ts, m = 2j * np.pi * sampling.f, 1.0 / sampling.fs, len(arm.live)
-    rise = -np.expm1(-s * Ts) / Ts  # (1 - 1/z) / Ts
-    theta, derivatives = _continuous(arm, p, s, tau * (rise / s)[:, None, None], derive, extra)
-    orders = np.delete(np.arange(-ALIASES, ALIASES + 1), ALIASES)
-    shift = np.asarray(2j * np.pi * sampling.fs * orders, dtype=complex)
-    left_over = np.sum(1.0 / (s[:, None] + shift) ** 3, axis=1) + 1.0 / s**3
-    zm = np.expm1(s * Ts)
-    rigid = (Ts**2 * (zm + 2.0) / (2.0 * zm**2) - rise * left_over)[:, None]
-    if extra.folded is not None:
-        rigid = rigid + rise[:, None] * extra.folded
-    held = tau * (rigid / p.J_m[arm.live])[..., None]
-
-    highest = _highest_mode(arm, p)
-    nodes, interpolation = _nodes(sampling, highest)
-
-    def aliases(shifts: Complex, with_derivatives: bool) -> tuple[Complex, Complex]:
-        at = (2j * np.pi * nodes[:, None] + shifts).ravel()
-        unit = np.asarray(np.eye(m) / at[:, None, None], dtype=complex)
-        H, dH = _continuous(arm, p, at, unit, with_derivatives)
-        dH = dH.reshape(len(nodes), len(shifts), m, -1, m).sum(axis=1) if with_derivatives else dH
-        return H.reshape(len(nodes), -1, m * m).sum(axis=1), dH  # nodes, m m; nodes, m, P, m (input)
-
-    scaled = tau * rise[:, None, None]
-    H = aliases(shift, False)[0]
-    H = H if interpolation is None else interpolation @ H
-    theta = theta + held + H.reshape(-1, m, m) @ scaled
+    """`_motion` of a torque held between samples: (1 - 1/z) / Ts sum_k H(s_k) / s_k over the aliases s_k = j (w + 2 pi k fs)."""
+    s, m = 2j * np.pi * sampling.f, len(arm.live)
+    rise = (-np.expm1(-s / sampling.fs) * sampling.fs)[:, None, None]
+    risen = tau * rise
+    theta, derivatives = _continuous(arm, p, s, risen / s[:, None, None], derive, extra)
+    near, powers, slopes = _by_powers(arm, p, sampling, derive)
+    sums = _sums(sampling.f.tobytes(), sampling.fs, near, len(powers))
+    H = (sums @ powers.reshape(len(powers), -1)).reshape(-1, m, m)
     if derive:
-        near = np.abs(orders) <= NEAR_ALIASES + min(int(highest / sampling.fs), MORE_ALIASES)
-        dH = aliases(shift[near], True)[1]
-        if interpolation is None:
-            derivatives = derivatives + (dH @ scaled[:, None, :, :])[..., 0]
-        else:
-            spread = interpolation[:, :, None] * scaled[:, None, :, 0]
-            folded = spread.reshape(len(spread), -1) @ np.moveaxis(dH, 3, 1).reshape(len(nodes) * m, -1)
-            derivatives = derivatives + folded.reshape(derivatives.shape)
-        i = np.arange(m)
-        derivatives[:, i, m + i] -= held[:, :, 0]
-    return theta, derivatives
+        spread = (sums[:, : len(slopes) // m, None] * risen[:, None, :, 0]).reshape(len(s), -1)
+        derivatives = derivatives + (spread.real @ slopes + 1j * (spread.imag @ slopes)).reshape(derivatives.shape)
+    if extra.folded is not None:
+        i, folded = np.arange(m), extra.folded / p.J_m[arm.live]
+        H[:, i, i] += folded
+        if derive:
+            derivatives[:, i, m + i] -= folded * risen[..., 0]
+    for order in (k for k in range(-near, near + 1) if k):
+        at = s + 2j * np.pi * sampling.fs * order
+        one, more = _continuous(arm, p, at, np.asarray(np.eye(m) / at[:, None, None], dtype=complex), derive)
+        H = H + one
+        if derive:
+            derivatives = derivatives + (more @ risen[:, None]).reshape(derivatives.shape)
+    return theta + H @ risen, derivatives
+
+
+@lru_cache(maxsize=512)
+def _sums(f: bytes, fs: float, near: int, count: int) -> Complex:
+    """Sums of s_k^-3, s_k^-4, .. [L, count] over the aliases s_k of frequencies `f` [L, Hz] beyond the `near` ones on each side."""
+    x, n = np.frombuffer(f)[:, None] / fs, np.arange(3, 3 + count)
+    both = zeta(n, near + 1.0 + x) + (-1.0) ** n * zeta(n, near + 1.0 - x)
+    return np.asarray(both / (2j * np.pi * fs) ** n)
+
+
+def _by_powers(arm: Posture, p: Parameters, sampling: Sampling, derive: bool) -> tuple[int, Array, Array]:
+    """Returns how many aliases on each side are too near to the poles to be told by powers of 1/s; the response [k, m, m] to torques
+    by such powers, from s^-2 on; and its derivatives [k m, m P]: rows are powers and torques.
+
+    M x'' + D x' + K x = N tau with x = sum_j b_j s^-j: M b_j + D b_(j-1) + K b_(j-2) is N for j = 2, else nothing.
+    """
+    live, N, m = arm.live, arm.N, len(arm.live)
+    K, J_m, D, D_spring = (values[live] for values in (p.K, p.J_m, p.D, p.D_spring))
+    dK, dD = np.diag(K), np.diag(D_spring)
+    mobility = np.zeros((2 * m, 2 * m))
+    mobility[:m, :m], mobility[m:, m:] = np.diag(1.0 / (N**2 * J_m)), np.linalg.inv(arm.J(p))
+    by_place = mobility @ np.block([[dK, -dK], [-dK, dK + arm.K_rows @ p.gravity]])
+    by_rate = mobility @ np.block([[dD + np.diag(N**2 * D), -dD], [-dD, dD]])
+    eye = np.eye(2 * m)
+    poles = np.abs(np.linalg.eigvals(np.block([[0.0 * eye, eye], [-by_place, -by_rate]]))).max() / (2.0 * np.pi)
+
+    top = float(sampling.f.max())
+    near = int(np.clip(np.ceil((CONVERGES * poles + top) / sampling.fs) - 1, 0, MOST_NEAR))
+    ratio = poles / ((near + 1) * sampling.fs - top)
+    count, sloped = (1 if CONVERGES * ratio > 1.0 else 1 + int(np.ceil(np.log(accuracy) / np.log(ratio)))
+                     for accuracy in (ALIAS_ACCURACY, SLOPE_ACCURACY))  # fmt: skip
+    b = np.zeros((2 + count, 2 * m, m))
+    b[2] = mobility[:, :m] * N
+    for j in range(3, 2 + count):
+        b[j] = -by_rate @ b[j - 1] - by_place @ b[j - 2]
+    powers = N[:, None] * b[2:, :m]
+    if not derive:
+        return near, powers, np.zeros((0, 0))
+
+    b = b[: 2 + sloped]
+    x, rate, place, i = b[2:], b[1:-1], b[:-2], np.arange(m)
+    alphas = 4 * m + arm.J_rows.shape[2]
+    forces = np.zeros((2 + sloped, 2 * m, alphas + arm.K_rows.shape[2], m))  # M' b_j + D' b_(j-1) + K' b_(j-2)
+    stretch, stretching = K[:, None] * (place[:, :m] - place[:, m:]), D_spring[:, None] * (rate[:, :m] - rate[:, m:])
+    forces[2:, i, i], forces[2:, m + i, i] = stretch, -stretch
+    forces[2:, i, m + i] = (N**2 * J_m)[:, None] * x[:, :m]
+    forces[2:, i, 2 * m + i] = (N**2 * D)[:, None] * rate[:, :m]
+    forces[2:, i, 3 * m + i], forces[2:, m + i, 3 * m + i] = stretching, -stretching
+    forces[2:, m:, 4 * m : alphas] = np.einsum("abd,jbc->jadc", arm.J_rows, x[:, m:])
+    forces[2:, m:, alphas:] = np.einsum("abd,jbc->jadc", arm.K_rows, place[:, m:])
+    db = -(mobility @ forces.reshape(2 + sloped, 2 * m, -1))
+    for j in range(3, 2 + sloped):
+        db[j] -= by_rate @ db[j - 1] + by_place @ db[j - 2]
+    slopes = N[:, None, None] * db[2:, :m].reshape(sloped, m, -1, m)
+    return near, powers, np.moveaxis(slopes, 3, 1).reshape(sloped * m, -1)
 
 
 def stiffness(
@@ -297,35 +328,3 @@ def _continuous(
     ]  # fmt: skip
     derivatives = -np.concatenate([*by_drive, by_link], axis=3)
     return theta, derivatives[:, 0] if tau.shape[2] == 1 else np.moveaxis(derivatives, 1, 3)
-
-
-def _highest_mode(arm: Posture, p: Parameters) -> float:
-    """Returns the highest undamped frequency [Hz] of the arm."""
-    K = p.K[arm.live]
-    motors = K / (arm.N**2 * p.J_m[arm.live])
-    links = np.linalg.solve(arm.J(p), np.hstack([-np.diag(K), np.diag(K) + arm.K_rows @ p.gravity]))
-    squares = np.linalg.eigvals(np.vstack([np.hstack([np.diag(motors), -np.diag(motors)]), links]))
-    return float(np.sqrt(np.abs(squares).max()) / (2 * np.pi))
-
-
-def _nodes(sampling: Sampling, highest: float) -> tuple[Array, Array | None]:
-    """Returns frequencies [k, Hz] at which to compute the aliases and the interpolation [L, k] from there to the lines, None
-    where those are the lines.
-
-    Chebyshev points: the nearest pole, an alias of the highest mode, tells how fast they converge (Bernstein).
-    """
-    f = sampling.f
-    low, high = float(f.min()), float(f.max())
-    nearest = (2.0 * (sampling.fs - highest) - low - high) / max(high - low, 1e-300)
-    count = len(f)
-    if nearest > 1.0:
-        ellipse = nearest + np.sqrt(nearest**2 - 1.0)
-        count = int(np.ceil(-np.log(ALIAS_ACCURACY) / np.log(ellipse))) + 1
-    if count >= min(len(f), MOST_NODES):
-        return f, None
-    angle = np.pi * (np.arange(count) + 0.5) / count
-    x = (2.0 * f - low - high) / (high - low)
-    orders = np.arange(count)
-    basis = np.cos(orders * np.arccos(np.clip(x, -1.0, 1.0))[:, None])
-    inverse = np.cos(orders[:, None] * angle) * np.where(orders, 2.0, 1.0)[:, None] / count
-    return (low + high) / 2 + (high - low) / 2 * np.cos(angle), basis @ inverse
