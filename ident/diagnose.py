@@ -42,6 +42,7 @@ from ident.trials import (
     promising,
     refitted,
     resting,
+    winds_up,
 )
 from symgen.plan import Model
 
@@ -196,7 +197,7 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
     added: list[Added] = []
     progress(f"the declared arm: chi2 {excess(bench, state):.3g} a degree of freedom")
     for _ in range(MOST_EFFECTS):
-        little = bool(added) and _left(bench, start, state) < ENOUGH and excess(bench, state) <= CLOSE
+        little = bool(added) and _little(bench, start, state)
         if not _departs(bench, state) or (little and excess(bench, state) <= NAMED):
             break
         step = _round(bench, state, start.select, progress, little)
@@ -241,6 +242,13 @@ def _renamed(
     new = fully(bench, best[1])
     entries = [replace(a, effect=new.effects[-1]) if same(a.effect, curve) else a for a in added]
     return (new, entries) if new.select <= limit else (state, added)
+
+
+def _little(bench: Bench, start: State, state: State) -> bool:
+    """Whether so little is left of what was in excess that only what promises most of it is tried: of a force that may have moved
+    the arm in more than one way, more than of others."""
+    left = _left(bench, start, state)
+    return (left < ENOUGH and excess(bench, state) <= CLOSE) or (left < LEFT and any(map(winds_up, state.effects)))
 
 
 def _left_over(bench: Bench, start: State, state: State, added: Sequence[Added]) -> tuple[Departure, ...]:

@@ -12,7 +12,7 @@ from ident.campaign import Array
 from ident.effects.base import Effect, has_forces, only_impedance
 from ident.effects.learned import Learned
 from ident.parts import degrees
-from ident.refits import FAINTLY, FULLY, Bench, Refit, State, all_fitted, excess, fitted, same
+from ident.refits import FAINTLY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
 
 #: Fall of chi^2 on the records that chose it with which an effect, or another place, is no matter of noise.
 LEAST_GAIN = 40.0
@@ -105,9 +105,10 @@ def elsewhere(bench: Bench, state: State, effect: Effect, progress: Callable[[st
     sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None and not p.whole and effect.values[k]]
     if not has_forces(effect) or effect.name == "unknown" or not sizes:
         return state
-    refits = _resized(state, effect, sizes, ELSEWHERE)
-    best = min(all_fitted(bench, refits), key=lambda other: other.select)
-    if best.select > state.select - max(LEAST_GAIN, 0.1 * (state.select - degrees(bench.split.select))):
+    refits = [Refit.of(state), *_resized(state, effect, sizes, ELSEWHERE)]
+    here, *others = all_fitted(bench, [replace(one, outer=1, roughly=HASTILY) for one in refits])
+    best = min(others, key=lambda other: other.select)
+    if best.select > here.select - max(LEAST_GAIN, 0.1 * (here.select - degrees(bench.split.select))):
         return state
     best = fully(bench, best)
     progress(f"  elsewhere, {told(next(e for e in best.effects if same(e, effect)))}: {excess(bench, best):.4g}")

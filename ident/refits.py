@@ -59,7 +59,7 @@ class Bench:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A fitted model: its effects, its minimum on the fit records, chi^2 on the choosing ones, and their weights."""
+    """A fitted model: its effects, its minimum on the fit records, chi^2 on the choosing ones; both chi^2 as all lines would have it."""
 
     effects: tuple[Effect, ...]
     scales: tuple[float, ...]
@@ -139,8 +139,9 @@ def fitted(bench: Bench, refit: Refit) -> State:
     except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
         nothing = np.zeros((len(refit.vector), len(refit.vector)))
         minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
-    share = degrees(bench.split.select) / degrees(select)
-    return State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, chi2 * share)
+    whole = degrees(bench.split.fit) / degrees(fit), degrees(bench.split.select) / degrees(select)
+    minimum = replace(minimum, chi2=minimum.chi2 * whole[0])
+    return State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, chi2 * whole[1])
 
 
 def linearised(problem: Problem, vector: Array) -> Linearised:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
 from ident.curves import curves
-from ident.effects.base import Effect, Law, only_impedance
+from ident.effects.base import Effect, Law, only_forces, only_impedance
 from ident.effects.catalogue import CATALOGUE
 from ident.forked import forked
 from ident.minima import LEAST_GAIN, NAMED, elsewhere, fully, told
@@ -102,6 +102,8 @@ def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: C
         declared = _from_declared(bench, state, None, progress)
         if _explaining(bench, declared, first) is not None:
             return declared
+        if _law_leads(declared):
+            return declared + _drawn(bench, state, lin, progress)
         return declared + _from_fitted(bench, state, lin, progress)
     tried = _from_fitted(bench, state, lin, progress)
     found = _explaining(bench, tried, first)
@@ -134,9 +136,15 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable
         likely = [c for k, c in enumerate(likely) if c.gain > wanted or k < most // 2]
     tried = refitted(bench, state, [(c, lin) for c in likely], progress)
     if all(excess(bench, new) > NAMED for _, new in tried):
-        drawn = [c for c in curves(lin, bench.workers)[:CURVES] if c.gain > wanted]
-        tried += refitted(bench, state, [(c, lin) for c in drawn], progress)
+        tried += _drawn(bench, state, lin, progress)
     return tried
+
+
+def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+    """The likeliest learned curves beyond a model, hastily refitted."""
+    wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
+    drawn = [c for c in curves(lin, bench.workers)[:CURVES] if c.gain > wanted]
+    return refitted(bench, state, [(c, lin) for c in drawn], progress)
 
 
 def _from_declared(bench: Bench, state: State, found: Effect | None, progress: Callable[[str], None]) -> list[Tried]:
@@ -190,7 +198,7 @@ def ahead(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
     """The candidates, the best fitted finely: those near the noise where a name leaves nothing, given `first` as in `explains`;
     where none is near, what promised most besides (it may have been far from its place), and what still falls again and again.
-    Where a curve leaves nothing and is far ahead of all names, these are not looked for any farther.
+    Where a curve leaves nothing and is far ahead of all names, these are not looked for any farther, nor those behind a law that is.
     """
     near = CLOSE**2 * degrees(bench.split.select)
     named = _once(sorted((one for one in tried if not is_curve(one)), key=_select))
@@ -202,6 +210,8 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     if named and explains(bench, named[0][1], first, CLOSE**2):
         rivals = named[:FINALISTS] + (drawn[:1] if excess(bench, named[0][1]) > NAMED else [])
         finalists = [one for one in rivals if _select(one) <= near]
+    elif _law_leads(named):
+        finalists = named[:1] + drawn[:1]
     elif named and _select(named[0]) > near and not by_curve:
         finalists += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
     others = [one for one in tried if all(one is not other for other in finalists)]
@@ -221,13 +231,20 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     if best_name is None:
         return found
     better = _otherwise(bench, best_name[1], progress)
-    far = not explains(bench, better, first) or (_winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
+    far = not explains(bench, better, first) or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
     if far and not (by_curve and _select(drawn[0]) <= AHEAD * better.select):
         better = elsewhere(bench, better, better.effects[-1], progress)
     return [(one[0], better) if one is best_name else one for one in found]
 
 
-def _winds_up(effect: Effect) -> bool:
+def _law_leads(tried: Sequence[Tried]) -> bool:
+    """Whether the best of the names is a force and so far ahead of all others that none of these is it; impedances may have been
+    far from their place."""
+    named = _once(sorted((one for one in tried if not is_curve(one)), key=_select))
+    return len(named) > 1 and only_forces(named[0][0].effect) and _select(named[0]) <= AHEAD * _select(named[1])
+
+
+def winds_up(effect: Effect) -> bool:
     """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
     return isinstance(effect, Law) and not effect.linear and not effect.dry
 
