@@ -14,7 +14,6 @@ from ident.errors import IdentError
 from ident.forked import forked
 from ident.frf import Complex
 from ident.periods import spectrum
-from ident.scene import in_record, known
 from ident.trace import Linearised
 
 #: Orders [per revolution] at which cogging, ripple and gear errors are looked for, how many of them are scored; and orders, or
@@ -59,7 +58,7 @@ def _sizes(lin: Linearised, port: str, joint: int) -> dict[str, float]:
     moved = [m.at(port, joint) for m in lin.motions[port]]
     angle, rate, torque = (max(float(np.std(signals)) for signals in kind) for kind in zip(*moved, strict=True))
     p = lin.problem.parameters(lin.vector)
-    J = max(float(known(one.scene, p).J[joint, joint]) for one in lin.problem.data)
+    J = max(float(arm.J[joint, joint]) for _, arm in lin.arms)
     motor = port == "motor"
     chain = lin.problem.data[0].scene.chain
     mass = float(chain.joints[-1].inertia.mass) if chain is not None else 1.0
@@ -80,7 +79,7 @@ def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
     kind = type(effect)
     law = kind.force is not Effect.force
     found: list[Complex | None] = []
-    for at, (one, W) in enumerate(zip(lin.problem.data, lin.W, strict=True)):
+    for at, one in enumerate(lin.problem.data):
         scene, motion, ports = one.scene, lin.motions[_side(kind.port)][at], lin.ports[at]
         live = scene.arm.live
         total = np.zeros_like(scene.theta)
@@ -97,7 +96,7 @@ def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
             error = effect.reading(motion)
             if error is not None:
                 total = total + ports["sensor", int(effect.joint or 0)] * scene.at_lines(error)[:, None]
-        total = total + _linear(lin, effect, at, W)
+        total = total + _linear(lin, effect, at)
         shares = effect.shares(one.index)
         for name, share in shares.items():
             column = ("K", "J_m", "D", "D_spring").index(name) * scene.n + int(effect.joint or 0)
@@ -108,34 +107,30 @@ def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
     return found
 
 
-def _linear(lin: Linearised, effect: Effect, at: int, W: Complex) -> Complex:
+def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
     """What its impedance, gains and shift of posture add in record `at`."""
     one, kind = lin.problem.data[at], type(effect)
-    scene, ports = one.scene, lin.ports[at]
-    p = in_record(lin.problem.parameters(lin.vector), lin.problem.effects_at(lin.vector), one.index)
-    live, s = scene.arm.live, scene.s
+    scene, pushes, (p, arm) = one.scene, lin.pushes[at], lin.arms[at]
+    live, s, m = scene.arm.live, scene.s, len(scene.arm.live)
     total = np.zeros_like(scene.theta)
     Z: Complex | None = None
     if kind.impedance is not Effect.impedance:
-        whole = effect.impedance(s, known(scene, p))
+        whole = effect.impedance(s, arm)
         Z = None if whole is None else scene.of_live(whole)
     if kind.posture is not Effect.posture:
         moved = lin.problem.posture_of(one, effect.posture(scene.posture))
         dJ, dK = moved.J(p) - scene.arm.J(p), (moved.K_rows - scene.arm.K_rows) @ p.gravity
-        Z = np.zeros((len(s), 2 * len(live), 2 * len(live)), dtype=complex)
-        Z[:, len(live) :, len(live) :] = s[:, None, None] ** 2 * dJ + dK
+        Z = np.zeros((len(s), 2 * m, 2 * m), dtype=complex)
+        Z[:, m:, m:] = s[:, None, None] ** 2 * dJ + dK
     if Z is not None:
-        force = -(Z @ lin.positions[_side(kind.port)][at][..., None])[..., 0]
-        for k, j in enumerate(live.tolist()):
-            total = total + ports["motor", j] / scene.arm.N[k] * force[:, [k]]
-            total = total + ports["link", j] * force[:, [len(live) + k]]
-    arm = known(scene, p)
+        force = -(Z @ lin.positions[_side(kind.port)][at][..., None])
+        total = (
+            total + (pushes["motor"] @ (force[:, :m] / scene.arm.N[:, None]) + pushes["link"] @ force[:, m:])[..., 0]
+        )
     if kind.torque_gain is not Effect.torque_gain and (gain := effect.torque_gain(s, arm)) is not None:
-        for k, j in enumerate(live.tolist()):
-            total = total + ports["motor", j] * ((gain[:, j] - 1.0) * scene.tau[:, k])[:, None]
+        total = total + (pushes["motor"] @ ((gain[:, live] - 1.0) * scene.tau)[..., None])[..., 0]
     if kind.angle_gain is not Effect.angle_gain and (gain := effect.angle_gain(s, arm)) is not None:
-        for k, j in enumerate(live.tolist()):
-            total = total + ports["sensor", j] * ((gain[:, j] - 1.0) * scene.theta[:, k])[:, None]
+        total = total + (pushes["sensor"] @ ((gain[:, live] - 1.0) * scene.theta)[..., None])[..., 0]
     return total
 
 

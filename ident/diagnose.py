@@ -24,7 +24,7 @@ from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.minima import LEAST_GAIN, NAMED, afresh, elsewhere, fully, since, told
 from ident.parts import Split, degrees, sampled, split, split_lines
-from ident.refits import FEW_SAMPLES, Bench, Refit, State, all_fitted, excess, first, linearised, same, without
+from ident.refits import FEW_SAMPLES, HASTILY, Bench, Refit, State, all_fitted, excess, first, linearised, same, without
 from ident.trace import port_shares
 from ident.trials import (
     ALIKE,
@@ -265,7 +265,7 @@ def _left(bench: Bench, start: State, state: State) -> float:
 
 def _departs(bench: Bench, state: State) -> bool:
     """Whether anything but noise may be left, on the records that fit and choose."""
-    return bool(groups(bench, state, bench.split.fit + bench.split.select)) or excess(bench, state) > 1.1
+    return excess(bench, state) > 1.1 or bool(groups(bench, state, bench.split.fit + bench.split.select))
 
 
 def _round(
@@ -283,8 +283,10 @@ def _round(
             return None
         best = best[0], fully(bench, best[1])
     new = since(bench, best[1])
-    less = without(bench, new, new.effects[-1])  # what is gained by a better fit is no gain of the effect
-    state = less if less.select < state.select else state
+    less = without(bench, new, new.effects[-1], HASTILY)  # what is gained by a better fit is no gain of the effect
+    if less.select < state.select:
+        less = without(bench, new, new.effects[-1])
+        state = less if less.select < state.select else state
     dof = degrees(bench.split.select)
     gain, before = state.select - new.select, max(state.select - dof, 1.0)
     if not earned(bench, state, new, first) or (is_curve(best) and gain < CURVE_SHARE * first):

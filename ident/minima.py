@@ -12,7 +12,7 @@ from ident.campaign import Array
 from ident.effects.base import Effect, has_forces, only_impedance
 from ident.effects.learned import Learned
 from ident.parts import degrees
-from ident.refits import FAINTLY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
+from ident.refits import BY_ALL, FAINTLY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
 
 #: Fall of chi^2 on the records that chose it with which an effect, or another place, is no matter of noise.
 LEAST_GAIN = 40.0
@@ -39,7 +39,17 @@ def fully(bench: Bench, state: State) -> State:
             declared = replace(state, minimum=replace(state.minimum, vector=_declared(bench, state)))
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
             state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
-    return fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
+    return _closely(bench, Refit.of(state), excess(bench, state))
+
+
+def _closely(bench: Bench, refit: Refit, left: float) -> State:
+    """The model at its minimum; not so closely where it leaves far more than noise, before, `left`, and there."""
+    if left > BY_ALL:
+        state = fitted(bench, refit)
+        if excess(bench, state) > BY_ALL:
+            return state
+        refit = Refit.of(state)
+    return fitted(bench, replace(refit, outer=FULLY, roughly=FAINTLY))
 
 
 def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
@@ -54,7 +64,8 @@ def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
 
 def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
     """The model, or a better one fitted from the declared arm: what was missing has led this one far astray."""
-    other = fitted(bench, replace(Refit.of(state), vector=_declared(bench, state), outer=FULLY, roughly=FAINTLY))
+    again = replace(Refit.of(state), vector=_declared(bench, state))
+    other = _closely(bench, again, excess(bench, state))
     if other.select >= state.select:
         return state
     progress(f"  from the declared arm again: {excess(bench, other):.4g}")

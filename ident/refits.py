@@ -25,9 +25,9 @@ from symgen.plan import Model
 HASTILY, FINELY, FAINTLY, FULLY = 0.03, 0.002, 1e-4, 8
 #: Turns to the force of dry friction, lines of a record, and records about, for a candidate; samples a line until one is chosen.
 FEW_TURNS, FEW_LINES, FEW_RECORDS, FEW_SAMPLES = 15, 250, 20, 6
-#: Lines of a record by which the arm without effects is looked for, and chi^2 per degree of freedom that is far beyond any noise: it
-#: is looked for by all lines below.
-FIRST_LINES, BENT = 100, 100.0
+#: Lines of a record by which the arm without effects is looked for; by all, and a model at its minimum, where chi^2 per degree of
+#: freedom is less than this.
+FIRST_LINES, BY_ALL = 100, 10.0
 #: chi^2 of a height of a learned curve of the size of all, so that one that no record shows stays at nothing.
 UNSEEN_HEIGHT = 1e-4
 
@@ -115,7 +115,7 @@ def first(bench: Bench) -> State:
     """The arm without effects: from what is declared, at once and by detours."""
     refits = [Refit(bench.guess.vector(), (), (), (), doubts=doubts, lines=FIRST_LINES) for doubts in ((), DOUBTS)]
     best = min(all_fitted(bench, refits), key=lambda s: s.minimum.chi2)
-    return best if excess(bench, best) > BENT else fitted(bench, Refit.of(best))
+    return best if excess(bench, best) > BY_ALL else fitted(bench, Refit.of(best))
 
 
 def fitted(bench: Bench, refit: Refit) -> State:
@@ -150,7 +150,7 @@ def linearised(problem: Problem, vector: Array) -> Linearised:
     return linearise(problem, vector, hold(problem, vector))
 
 
-def without(bench: Bench, state: State, old: Effect) -> State:
+def without(bench: Bench, state: State, old: Effect, roughly: float = FINELY) -> State:
     """The model refitted without one of its effects."""
     keep = [k for k, e in enumerate(state.effects) if not same(e, old)]
     slots = np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects])[:-1])
@@ -160,7 +160,7 @@ def without(bench: Bench, state: State, old: Effect) -> State:
     effects, scales, limits = (
         tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use), tuple(state.limits[k] for k in use)
     )  # fmt: skip
-    return fitted(bench, Refit(vector, effects, scales, limits))
+    return fitted(bench, Refit(vector, effects, scales, limits, roughly=roughly))
 
 
 def same(a: Effect, b: Effect) -> bool:

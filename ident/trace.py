@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from ident.acting import moved
 from ident.arm_fit import Held, Problem, residual
-from ident.arm_model import transfer
+from ident.arm_model import Parameters, transfer
 from ident.campaign import Array
+from ident.effects.base import Known
 from ident.effects.motion import Motion
 from ident.frf import Complex
-from ident.scene import in_record, linear_extra
+from ident.scene import in_record, known, linear_extra
 
 #: Ports at which one signal acts on one joint.
 PORTS = ("motor", "spring", "link", "sensor")
@@ -55,15 +56,25 @@ class Linearised:
         """Information [P, P] and slope [P] of each record."""
         P = len(self.vector)
         matrices, slopes = [], []
-        for r, A, columns in zip(self.r, self.A, self.columns, strict=True):
+        for one, r, A, columns in zip(self.problem.data, self.r, self.real, self.columns, strict=True):
             matrix, slope = np.zeros((P, P)), np.zeros(P)
-            flat = A.reshape(-1, len(columns))
-            real = np.concatenate([flat.real, flat.imag])
-            matrix[np.ix_(columns, columns)] = 2.0 * (real.T @ real)
-            slope[columns] = 2.0 * (flat.conj().T @ r.ravel()).real
+            matrix[np.ix_(columns, columns)] = 2.0 * (A.T @ A)
+            slope[columns] = 2.0 * (A.T @ _real(r[one.use]))
             matrices.append(matrix)
             slopes.append(slope)
         return matrices, slopes
+
+    @cached_property
+    def real(self) -> tuple[Array, ...]:
+        """The Jacobians at the lines judged [2 L m, C]: real parts, then imaginary ones."""
+        return tuple(_real(A[one.use], A.shape[2]) for one, A in zip(self.problem.data, self.A, strict=True))
+
+    @cached_property
+    def arms(self) -> tuple[tuple[Parameters, Known], ...]:
+        """The arm as it is in each record, and as effects know it there."""
+        effects, p = self.problem.effects_at(self.vector), self.problem.parameters(self.vector)
+        here = [in_record(p, effects, one.index) for one in self.problem.data]
+        return tuple((p, known(one.scene, p)) for one, p in zip(self.problem.data, here, strict=True))
 
     @cached_property
     def chi2(self) -> float:
@@ -95,30 +106,33 @@ class Linearised:
         return {port: tuple(at(port)) for port in self.motions}
 
     @cached_property
+    def pushes(self) -> tuple[dict[str, Complex], ...]:
+        """For each record and port: what unit signals at the live joints do to all whitened angles [L, m (angle), m (joint)], joint
+        side; a motor's own torque counts N times."""
+        effects, found = self.problem.effects_at(self.vector), []
+        for one, W, (p, _) in zip(self.problem.data, self.W, self.arms, strict=True):
+            scene = self.problem.scene(one, effects)
+            extra = linear_extra(scene, self.problem.parameters(self.vector), effects)
+            on_motor, on_link = transfer(scene.arm, p, scene.s, extra)
+            by_port = {"motor": on_motor * scene.arm.N, "spring": on_link - on_motor, "link": on_link}
+            found.append({port: W @ matrix for port, matrix in by_port.items()} | {"sensor": W})
+        return tuple(found)
+
+    @cached_property
     def ports(self) -> tuple[dict[tuple[str, int], Complex], ...]:
         """For each record: what a unit signal at a port of a joint does to all whitened angles [L, m]."""
-        effects, p = self.problem.effects_at(self.vector), self.problem.parameters(self.vector)
-        found = []
-        for one, W in zip(self.problem.data, self.W, strict=True):
-            scene = self.problem.scene(one, effects)
-            extra = linear_extra(scene, p, effects)
-            on_motor, on_link = transfer(scene.arm, in_record(p, effects, one.index), scene.s, extra)
-            # [L, m (angle), m (joint)], joint side; a motor's own torque counts N times
-            by_port = {
-                "motor": on_motor * scene.arm.N,
-                "spring": on_link - on_motor,
-                "link": on_link,
-                "sensor": np.broadcast_to(np.eye(len(scene.arm.live)), on_motor.shape),
+        return tuple(
+            {
+                (port, int(j)): matrix[:, :, k]
+                for port, matrix in pushes.items()
+                for k, j in enumerate(one.scene.arm.live)
             }
-            live = scene.arm.live.tolist()
-            found.append({
-                (port, j): (W @ column[:, :, [k]])[..., 0] for port, column in by_port.items() for k, j in enumerate(live)
-            })  # fmt: skip
-        return tuple(found)
+            for one, pushes in zip(self.problem.data, self.pushes, strict=True)
+        )
 
     def prepare(self) -> None:
         """Computes what all candidates need, once, before they are shared out."""
-        _ = self.information, self.slope, self.motions, self.positions, self.ports
+        _ = self.information, self.slope, self.motions, self.positions, self.ports, self.arms
 
     def step(self, columns: Sequence[Sequence[Complex | None]]) -> tuple[Array, float]:
         """Returns how large each new column wants to be, all free parameters refitted, and by how much chi^2 falls.
@@ -127,14 +141,14 @@ class Linearised:
         """
         k, free = len(columns), np.flatnonzero(self.problem.free)
         X, own, b = np.zeros((len(self.vector), k)), np.zeros((k, k)), np.zeros(k)
-        for at, (r, A, where) in enumerate(zip(self.r, self.A, self.columns, strict=True)):
+        for at, (one, r, A, where) in enumerate(zip(self.problem.data, self.r, self.real, self.columns, strict=True)):
             here = [i for i in range(k) if columns[i][at] is not None]
             if not here:
                 continue
-            B = np.stack([np.ravel(np.asarray(columns[i][at])) for i in here], axis=1)
-            X[np.ix_(where, np.array(here))] += 2.0 * (A.reshape(-1, len(where)).conj().T @ B).real
-            own[np.ix_(np.array(here), np.array(here))] += 2.0 * (B.conj().T @ B).real
-            b[here] += 2.0 * (B.conj().T @ r.ravel()).real
+            B = np.stack([_real(np.asarray(columns[i][at])[one.use]) for i in here], axis=1)
+            X[np.ix_(where, np.array(here))] += 2.0 * (A.T @ B)
+            own[np.ix_(np.array(here), np.array(here))] += 2.0 * (B.T @ B)
+            b[here] += 2.0 * (B.T @ _real(r[one.use]))
         H, g, X = self.information[np.ix_(free, free)], self.slope[free], X[free]
         size = np.sqrt(np.maximum(np.diag(H), 1e-300))
         solved = np.linalg.solve(
@@ -147,6 +161,12 @@ class Linearised:
         )  # by its own size: what the other parameters do as well is nothing
         sizes = np.linalg.pinv(left / unit / unit[:, None], rcond=1e-5, hermitian=True) @ (b / unit) / unit
         return sizes, float(b @ sizes)
+
+
+def _real(x: Complex, columns: int = 0) -> Array:
+    """Numbers in a row, or rows of so many: real parts, then imaginary ones."""
+    flat = x.reshape(-1, columns) if columns else x.ravel()
+    return np.concatenate([flat.real, flat.imag])
 
 
 def port_shares(lin: Linearised) -> tuple[tuple[str, int, float], ...]:

@@ -15,7 +15,6 @@ from ident.forked import forked
 from ident.minima import LEAST_GAIN, NAMED, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
-    BENT,
     FINELY,
     HASTILY,
     Bench,
@@ -36,6 +35,8 @@ EFFORT = 1.5e5
 HARDLY = 0.125
 #: Candidates taken over from the declared arm.
 SURELY = 6
+#: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm first.
+BENT = 100.0
 #: Share of what any other candidate leaves that one leaves which is far ahead.
 AHEAD = 0.03
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
@@ -198,7 +199,8 @@ def ahead(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
     """The candidates, the best fitted finely: those near the noise where a name leaves nothing, given `first` as in `explains`;
     where none is near, what promised most besides (it may have been far from its place), and what still falls again and again.
-    Where a curve leaves nothing and is far ahead of all names, these are not looked for any farther, nor those behind a law that is.
+    Where a curve leaves nothing and is far ahead of all names, these are not looked for any farther, nor those behind a law that is;
+    a name that leaves nothing alone is left as it is.
     """
     near = CLOSE**2 * degrees(bench.split.select)
     named = _once(sorted((one for one in tried if not is_curve(one)), key=_select))
@@ -210,6 +212,8 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     if named and explains(bench, named[0][1], first, CLOSE**2):
         rivals = named[:FINALISTS] + (drawn[:1] if excess(bench, named[0][1]) > NAMED else [])
         finalists = [one for one in rivals if _select(one) <= near]
+        if len(finalists) == 1 and explains(bench, named[0][1], first):
+            return list(tried)
     elif _law_leads(named):
         finalists = named[:1] + drawn[:1]
     elif named and _select(named[0]) > near and not by_curve:
