@@ -18,8 +18,8 @@ from ident.frf import Complex
 
 #: Aliases of a held torque are summed by powers of 1/s to this share, where they lie so far above the arm's poles that so many
 #: powers do, their derivatives to this; aliases less than so many times as high as the fastest pole, up to so many a side, are
-#: computed one by one: a pole farther above is one of no arm, met on the way of a fit.
-ALIAS_ACCURACY, SLOPE_ACCURACY, CONVERGES, MOST_NEAR = 1e-9, 1e-5, 2.5, 16
+#: computed one by one, the derivatives of so many: a pole farther above is one of no arm, met on the way of a fit.
+ALIAS_ACCURACY, SLOPE_ACCURACY, CONVERGES, MOST_NEAR, NEAR_SLOPES = 1e-9, 1e-5, 2.5, 16, 3
 
 
 @dataclass(frozen=True)
@@ -167,10 +167,11 @@ def _held(
             derivatives[:, i, m + i] -= folded * risen[..., 0]
     for order in (k for k in range(-near, near + 1) if k):
         at = s + 2j * np.pi * sampling.fs * order
-        one, more = _continuous(arm, p, at, np.asarray(np.eye(m) / at[:, None, None], dtype=complex), derive)
+        sloped = derive and abs(order) <= NEAR_SLOPES
+        one, more = _continuous(arm, p, at, np.asarray(np.eye(m) / at[:, None, None], dtype=complex), sloped)
         H = H + one
-        if derive:
-            derivatives = derivatives + (more @ risen[:, None]).reshape(derivatives.shape)
+        if sloped:
+            derivatives = derivatives + (more.reshape(len(s), m, -1, m) @ risen[:, None]).reshape(derivatives.shape)
     return theta + H @ risen, derivatives
 
 

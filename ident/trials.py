@@ -39,6 +39,8 @@ SURELY = 6
 BENT = 100.0
 #: Share of what any other candidate leaves that one leaves which is far ahead.
 AHEAD = 0.03
+#: A force that a curve leaves so far behind is not looked for where it is some other size.
+UNLIKELY = 0.1
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
 FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
 #: An effect earns its place with this share of what was in excess, besides `LEAST_GAIN`.
@@ -236,7 +238,8 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
         return found
     better = _otherwise(bench, best_name[1], progress)
     far = not explains(bench, better, first) or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
-    if far and not (by_curve and _select(drawn[0]) <= AHEAD * better.select):
+    curve = min((_select(one) for one in found if is_curve(one)), default=np.inf)
+    if far and curve > UNLIKELY * better.select:
         better = elsewhere(bench, better, better.effects[-1], progress)
     return [(one[0], better) if one is best_name else one for one in found]
 
