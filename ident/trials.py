@@ -214,7 +214,7 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     if named and explains(bench, named[0][1], first, CLOSE**2):
         rivals = named[:FINALISTS] + (drawn[:1] if excess(bench, named[0][1]) > NAMED else [])
         finalists = [one for one in rivals if _select(one) <= near]
-        if len(finalists) == 1 and explains(bench, named[0][1], first):
+        if len(finalists) == 1 and excess(bench, named[0][1]) <= NAMED:
             return list(tried)
     elif _law_leads(named):
         finalists = named[:1] + drawn[:1]
