@@ -24,9 +24,23 @@ from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.minima import LEAST_GAIN, NAMED, afresh, elsewhere, fully, since, told
 from ident.parts import Split, degrees, sampled, split, split_lines
-from ident.refits import FEW_SAMPLES, HASTILY, Bench, Refit, State, all_fitted, excess, first, linearised, same, without
+from ident.refits import (
+    FEW_SAMPLES,
+    FINELY,
+    HASTILY,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    excess,
+    first,
+    linearised,
+    same,
+    without,
+)
 from ident.trace import port_shares
 from ident.trials import (
+    AHEAD,
     ALIKE,
     CLOSE,
     CURVES,
@@ -55,7 +69,9 @@ CURVE_SHARE = 0.05
 OUTDONE = 0.5
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
 #: many times where something is left and they may.
-BENDS, MAY_BEND = 10.0, 3.0
+BENDS, MAY_BEND = 10.0, 1.5
+#: Share of the excess left by the first effect where these may that ends the search.
+MUCH = 0.3
 #: Names tried in the place of a learned curve.
 NAMES = 6
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured.
@@ -147,7 +163,7 @@ class Begun:
             bench, start = _by_lines(bench, data, progress)
         state, added = _loop(bench, start, progress)
         left = _left_over(bench, start, state, added)
-        if left and not bench.split.note and _bends(bench, state, MAY_BEND):
+        if left and not bench.split.note and _may_bend(bench, start, state):
             by_lines = _by_lines(bench, data, progress)
             other, more = _loop(*by_lines, progress)
             if _left(*by_lines, other) < _left(bench, start, state):
@@ -184,6 +200,11 @@ def _bends(bench: Bench, state: State, times: float) -> bool:
     return excess(bench, state) - 1.0 > times * (max(fitting - 1.0, 0.0) + 0.1)
 
 
+def _may_bend(bench: Bench, start: State, state: State) -> bool:
+    """Whether records that fit may leave too much free, without effects or with those found."""
+    return _bends(bench, start, MAY_BEND) or _bends(bench, state, MAY_BEND)
+
+
 def _by_lines(bench: Bench, data: tuple[Evidence, ...], progress: Callable[[str], None]) -> tuple[Bench, State]:
     """All records in each part, and the arm without effects."""
     progress("what departs hardly shows in the records that fit: lines of every record in each part")
@@ -205,6 +226,8 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
             break
         state, entry = step
         added.append(entry)
+        if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
+            break  # lines of every record tell more
         state, added = _pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown"]:
             state, added = _renamed(bench, state, curve, added, start.select, progress)
@@ -283,10 +306,11 @@ def _round(
             return None
         best = best[0], fully(bench, best[1])
     new = since(bench, best[1])
-    less = without(bench, new, new.effects[-1], HASTILY)  # what is gained by a better fit is no gain of the effect
-    if less.select < state.select:
+    hastily = new.select < AHEAD * state.select
+    less = without(bench, new, new.effects[-1], HASTILY if hastily else FINELY)
+    if hastily and less.select < state.select:
         less = without(bench, new, new.effects[-1])
-        state = less if less.select < state.select else state
+    state = less if less.select < state.select else state  # what is gained by a better fit is no gain of the effect
     dof = degrees(bench.split.select)
     gain, before = state.select - new.select, max(state.select - dof, 1.0)
     if not earned(bench, state, new, first) or (is_curve(best) and gain < CURVE_SHARE * first):
