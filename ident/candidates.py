@@ -124,9 +124,8 @@ def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
         Z[:, m:, m:] = s[:, None, None] ** 2 * dJ + dK
     if Z is not None:
         force = -(Z @ lin.positions[_side(kind.port)][at][..., None])
-        total = (
-            total + (pushes["motor"] @ (force[:, :m] / scene.arm.N[:, None]) + pushes["link"] @ force[:, m:])[..., 0]
-        )
+        moved_by = pushes["motor"] @ (force[:, :m] / scene.arm.N[:, None]) + pushes["link"] @ force[:, m:]
+        total = total + moved_by[..., 0]
     if kind.torque_gain is not Effect.torque_gain and (gain := effect.torque_gain(s, arm)) is not None:
         total = total + (pushes["motor"] @ ((gain[:, live] - 1.0) * scene.tau)[..., None])[..., 0]
     if kind.angle_gain is not Effect.angle_gain and (gain := effect.angle_gain(s, arm)) is not None:

@@ -11,18 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.added import Added, pruned, renamed
 from ident.arm_fit import spectrum
 from ident.campaign import Campaign
-from ident.candidates import catalogue
 from ident.contradicted import Off, contradicted
 from ident.coupled import declared_start
-from ident.curves import curves
 from ident.departures import Departure, Errors, departures, errors, groups
 from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
-from ident.minima import LEAST_GAIN, NAMED, afresh, elsewhere, fully, since, told
+from ident.minima import NAMED, afresh, elsewhere, fully, since
 from ident.parts import Split, degrees, sampled, split, split_lines
 from ident.refits import (
     FEW_SAMPLES,
@@ -43,7 +42,6 @@ from ident.trials import (
     AHEAD,
     ALIKE,
     CLOSE,
-    CURVES,
     ENOUGH,
     TIE,
     ahead,
@@ -53,8 +51,6 @@ from ident.trials import (
     hasty,
     is_curve,
     polished,
-    promising,
-    refitted,
     resting,
     winds_up,
 )
@@ -64,37 +60,13 @@ from symgen.plan import Model
 MOST_EFFECTS = 4
 #: A learned curve needs this share of all that was in excess to be added.
 CURVE_SHARE = 0.05
-#: Curves at the port of a name that together do more than this share of what it did, or leave it less than this share of its
-#: size, make it superfluous, if they can.
-OUTDONE = 0.5
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
 #: many times where something is left and they may.
 BENDS, MAY_BEND = 10.0, 1.5
 #: Share of the excess left by the first effect where these may that ends the search.
 MUCH = 0.3
-#: Names tried in the place of a learned curve.
-NAMES = 6
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured.
 LEFT = 0.03
-
-
-@dataclass(frozen=True, eq=False)
-class Added:
-    """One effect that was added: `before` and `after` held-out errors; `gain` of chi^2 where it was chosen, of `excess`.
-
-    `rivals` are the next best, with the held-out error each leaves; `tied` those that these records do not tell apart.
-    `port_shares` is how much of the excess a free force at each (port, joint) would explain.
-    """
-
-    effect: Effect
-    std: tuple[float, ...]
-    before: float
-    after: float
-    gain: float
-    excess: float
-    rivals: tuple[tuple[Effect, float], ...]
-    tied: tuple[Effect, ...]
-    port_shares: tuple[tuple[str, int, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,9 +200,9 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         added.append(entry)
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
-        state, added = _pruned(bench, state, added, progress)
+        state, added = pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown"]:
-            state, added = _renamed(bench, state, curve, added, start.select, progress)
+            state, added = renamed(bench, state, curve, added, start.select, progress)
     if added and excess(bench, state) > NAMED:
         state = afresh(bench, state, progress)
     for effect in state.effects[:-1]:  # found while others were missing
@@ -239,32 +211,6 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
     if added:
         added[-1] = replace(added[-1], after=errors(bench, state, bench.split.report).all)
     return state, added
-
-
-def _renamed(
-    bench: Bench, state: State, curve: Effect, added: list[Added], first: float, progress: Callable[[str], None]
-) -> tuple[State, list[Added]]:
-    """The model with a name in a learned curve's place, if one does as well now that more is known, or leaves nothing;
-    `first` as in `_round`."""
-    less = without(bench, state, curve)
-    lin = linearised(less.problem, less.minimum.vector)
-    names = [
-        c
-        for c in catalogue(lin, less.effects, bench.workers)
-        if (c.effect.joint, c.effect.port) == (curve.joint, curve.port)
-    ]
-    progress(f"without {told(curve)}: {excess(bench, less):.4g}")
-    dof = degrees(bench.split.select)
-    limit = max(state.select + max(LEAST_GAIN, ALIKE * (state.select - dof)), NAMED * dof)
-    if excess(bench, less) <= CLOSE:
-        names = promising(bench, names, less.select - limit)
-    tried = polished(bench, refitted(bench, less, [(c, lin) for c in names[:NAMES]], progress), first, progress)
-    best = chosen(bench, tried, less.select)
-    if best is None or best[1].select > limit:
-        return state, added
-    new = fully(bench, best[1])
-    entries = [replace(a, effect=new.effects[-1]) if same(a.effect, curve) else a for a in added]
-    return (new, entries) if new.select <= limit else (state, added)
 
 
 def _little(bench: Bench, start: State, state: State) -> bool:
@@ -342,49 +288,6 @@ def _error(bench: Bench, state: State) -> float:
         return errors(bench, state, tuple(sampled(one, FEW_SAMPLES) for one in bench.split.report)).all
     except (ValueError, np.linalg.LinAlgError):
         return float(np.inf)
-
-
-def _pruned(
-    bench: Bench, state: State, added: list[Added], progress: Callable[[str], None]
-) -> tuple[State, list[Added]]:
-    """The model without those earlier effects that the last one of `added` has made superfluous."""
-    last = added[-1].effect
-    for old in state.effects[:-1]:
-        by_curve = last.name == "unknown" and old.name != "unknown"
-        if by_curve and not _outdone(old, added):
-            continue  # a curve can play any law of its variable: it takes no name away
-        less = without(bench, state, old)
-        if less.select < state.select + LEAST_GAIN:
-            progress(f"  without {told(old)} as well: {excess(bench, less):.4g}")
-            state = less
-        elif by_curve:
-            state, added = _drawn_over(bench, state, less, old, added, progress)
-    return state, added
-
-
-def _drawn_over(
-    bench: Bench, state: State, less: State, named: Effect, added: list[Added], progress: Callable[[str], None]
-) -> tuple[State, list[Added]]:
-    """The model with a curve in a name's place, if one does as well; `less` is the one without the name."""
-    lin = linearised(less.problem, less.minimum.vector)
-    here = [c for c in curves(lin, bench.workers) if (c.effect.port, c.effect.joint) == (named.port, named.joint)]
-    tried = refitted(bench, less, [(c, lin) for c in here[:CURVES]], progress)
-    if not tried:
-        return state, added
-    best = fully(bench, min(tried, key=lambda one: one[1].select)[1])
-    if best.select > state.select + max(LEAST_GAIN, ALIKE * (state.select - degrees(bench.split.select))):
-        return state, added
-    return best, [replace(a, effect=best.effects[-1]) if same(a.effect, named) else a for a in added]
-
-
-def _outdone(named: Effect, added: Sequence[Added]) -> bool:
-    """Whether curves at the port of a named effect do so much besides it, or in its place, that it is hardly the right name."""
-    alone = next(a for a in added if same(a.effect, named))
-    here = [a for a in added if (a.effect.name, a.effect.port, a.effect.joint) == ("unknown", named.port, named.joint)]
-    sizes = [(abs(now), abs(then)) for now, then, p in zip(named.values, alone.effect.values, named.parameters, strict=True)
-             if p.zero is not None and not p.whole]  # fmt: skip
-    less = bool(here) and bool(sizes) and all(now < OUTDONE * then for now, then in sizes)
-    return less or sum(a.gain for a in here) > OUTDONE * alone.gain
 
 
 def _std(state: State, effect: Effect) -> tuple[float, ...]:

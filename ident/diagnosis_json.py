@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.added import Added
 from ident.artefacts import artefacts
 from ident.campaign import Campaign
 from ident.confounded import NEVER, Separation, never_told_apart, separation
@@ -18,7 +19,7 @@ from ident.coupled import degrees_of_freedom, uncertainty
 from ident.departures import Errors
 from ident.deviations import PORTS as DECLARED_PORTS
 from ident.deviations import SIGMAS
-from ident.diagnose import Added, Diagnosis
+from ident.diagnose import Diagnosis
 from ident.effects.base import Effect
 from ident.effects.learned import Learned
 from ident.held_out import carried, held_out, noise_floor, sources

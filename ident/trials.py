@@ -117,9 +117,13 @@ def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: C
 
 def resting(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
     """The names that promise most of the little that known effects leave, hastily refitted."""
-    wanted = MOST * max(lin.chi2 - degrees(state.problem.data), 1.0)
-    likely = [c for c in catalogue(lin, state.effects, bench.workers)[:FINALISTS] if c.gain > wanted]
+    likely = [c for c in catalogue(lin, state.effects, bench.workers)[:FINALISTS] if c.gain > MOST * _left(state, lin)]
     return refitted(bench, state, [(c, lin) for c in likely], progress)
+
+
+def _left(state: State, lin: Linearised) -> float:
+    """chi^2 beyond noise on the records that fit."""
+    return max(lin.chi2 - degrees(state.problem.data), 1.0)
 
 
 def _explaining(bench: Bench, tried: Sequence[Tried], first: float) -> Effect | None:
@@ -130,13 +134,12 @@ def _explaining(bench: Bench, tried: Sequence[Tried], first: float) -> Effect | 
 
 def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
     """The likeliest names beyond a model, and the likeliest curves where no name explains the records."""
-    wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
     likely = catalogue(lin, state.effects, bench.workers)[:most]
     if excess(bench, state) <= CLOSE:
         likely = promising(bench, likely, LEAST_SHARE * max(state.select - degrees(bench.split.select), 1.0))
     else:
-        likely = [c for k, c in enumerate(likely) if c.gain > wanted or k < most // 2]
+        likely = [c for k, c in enumerate(likely) if c.gain > LEAST_SHARE * _left(state, lin) or k < most // 2]
     tried = refitted(bench, state, [(c, lin) for c in likely], progress)
     if all(excess(bench, new) > NAMED for _, new in tried):
         tried += _drawn(bench, state, lin, progress)
@@ -145,8 +148,7 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable
 
 def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
     """The likeliest learned curves beyond a model, hastily refitted."""
-    wanted = LEAST_SHARE * max(lin.chi2 - degrees(state.problem.data), 1.0)
-    drawn = [c for c in curves(lin, bench.workers)[:CURVES] if c.gain > wanted]
+    drawn = [c for c in curves(lin, bench.workers)[:CURVES] if c.gain > LEAST_SHARE * _left(state, lin)]
     return refitted(bench, state, [(c, lin) for c in drawn], progress)
 
 
@@ -199,40 +201,12 @@ def ahead(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable
 
 
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, the best fitted finely: those near the noise where a name leaves nothing, given `first` as in `explains`;
-    where none is near, what promised most besides (it may have been far from its place), and what still falls again and again.
-    Where a curve leaves nothing and is far ahead of all names, these are not looked for any farther, nor those behind a law that is;
-    a name that leaves nothing alone is left as it is.
-    """
-    near = CLOSE**2 * degrees(bench.split.select)
-    named = _once(sorted((one for one in tried if not is_curve(one)), key=_select))
-    drawn = sorted((one for one in tried if is_curve(one)), key=_select)
-    finalists = named[:FINALISTS] + drawn[:1]
-    by_curve = (
-        bool(named and drawn) and excess(bench, drawn[0][1]) <= NAMED and _select(drawn[0]) <= AHEAD * _select(named[0])
-    )
-    if named and explains(bench, named[0][1], first, CLOSE**2):
-        rivals = named[:FINALISTS] + (drawn[:1] if excess(bench, named[0][1]) > NAMED else [])
-        finalists = [one for one in rivals if _select(one) <= near]
-        if len(finalists) == 1 and excess(bench, named[0][1]) <= NAMED:
-            return list(tried)
-    elif _law_leads(named):
-        finalists = named[:1] + drawn[:1]
-    elif named and _select(named[0]) > near and not by_curve:
-        finalists += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
-    others = [one for one in tried if all(one is not other for other in finalists)]
-    falling, settled = finalists, []
-    for _ in range(1 + PATIENCE):
-        new = list(all_fitted(bench, [Refit.of(state) for _, state in falling]))
-        finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]
-        for _, state in finer:
-            progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
-        fell = [now.select < FALLING * before.select for (_, before), now in zip(falling, new, strict=True)]
-        settled += [one for one, still in zip(finer, fell, strict=True) if not still]
-        falling = [one for one, still in zip(finer, fell, strict=True) if still]
-        if not falling or min(map(_select, settled + falling)) <= near:
-            break
-    found = settled + falling + others
+    """The candidates, those that may be chosen fitted finely, and the best name from other places where it leaves something; `first`
+    as in `explains`."""
+    finalists = _finalists(bench, tried, first)
+    if not finalists:
+        return list(tried)
+    found = _finely(bench, finalists, progress) + [one for one in tried if all(one is not other for other in finalists)]
     best_name = min((one for one in found if not is_curve(one)), key=_select, default=None)
     if best_name is None:
         return found
@@ -244,24 +218,63 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     return [(one[0], better) if one is best_name else one for one in found]
 
 
+def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried]:
+    """The candidates to be fitted finely: where a name leaves nothing, those near the noise, or none if it is alone there; where none
+    is near, what promised most besides the best (it may have been far from its place). Where a curve leaves nothing and is far
+    ahead of all names, these are not looked for any farther, nor those behind a law that is.
+    """
+    named, drawn = _best_names(tried), sorted((one for one in tried if is_curve(one)), key=_select)
+    near = CLOSE**2 * degrees(bench.split.select)
+    if not named:
+        return drawn[:1]
+    left = excess(bench, named[0][1])
+    if explains(bench, named[0][1], first, CLOSE**2):
+        rivals = [one for one in named[:FINALISTS] + (drawn[:1] if left > NAMED else []) if _select(one) <= near]
+        return rivals if len(rivals) > 1 or left > NAMED else []
+    if _law_leads(tried):
+        return named[:1] + drawn[:1]
+    finalists = named[:FINALISTS] + drawn[:1]
+    by_curve = drawn and excess(bench, drawn[0][1]) <= NAMED and _select(drawn[0]) <= AHEAD * _select(named[0])
+    if _select(named[0]) > near and not by_curve:
+        finalists += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
+    return finalists
+
+
+def _finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """Candidates fitted finely; while none is near the noise, those whose chi^2 falls much again and again."""
+    near = CLOSE**2 * degrees(bench.split.select)
+    falling, settled = list(tried), []
+    for _ in range(1 + PATIENCE):
+        new = list(all_fitted(bench, [Refit.of(state) for _, state in falling]))
+        finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]
+        for _, state in finer:
+            progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+        fell = [now.select < FALLING * before.select for (_, before), now in zip(falling, new, strict=True)]
+        settled += [one for one, still in zip(finer, fell, strict=True) if not still]
+        falling = [one for one, still in zip(finer, fell, strict=True) if still]
+        if not falling or min(map(_select, settled + falling)) <= near:
+            break
+    return settled + falling
+
+
 def _law_leads(tried: Sequence[Tried]) -> bool:
     """Whether the best of the names is a force and so far ahead of all others that none of these is it; impedances may have been
     far from their place."""
-    named = _once(sorted((one for one in tried if not is_curve(one)), key=_select))
+    named = _best_names(tried)
     return len(named) > 1 and only_forces(named[0][0].effect) and _select(named[0]) <= AHEAD * _select(named[1])
+
+
+def _best_names(tried: Sequence[Tried]) -> list[Tried]:
+    """The best of each named effect at each joint, best first."""
+    found: dict[tuple[str, int | None, str], Tried] = {}
+    for one in sorted((one for one in tried if not is_curve(one)), key=_select):
+        found.setdefault(one[0].key, one)
+    return list(found.values())
 
 
 def winds_up(effect: Effect) -> bool:
     """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
     return isinstance(effect, Law) and not effect.linear and not effect.dry
-
-
-def _once(named: Sequence[Tried]) -> list[Tried]:
-    """The first of each effect at each joint."""
-    found: dict[tuple[str, int | None, str], Tried] = {}
-    for one in named:
-        found.setdefault(one[0].key, one)
-    return list(found.values())
 
 
 def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> State:

@@ -9,12 +9,13 @@ import diagnosed as by_hand
 import numpy as np
 import pytest
 
+from ident.added import renamed
 from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.campaign import Campaign
 from ident.candidates import catalogue, nearer, otherwise
 from ident.coupled import declared_start
-from ident.diagnose import Diagnosis, _renamed, diagnose
+from ident.diagnose import Diagnosis, diagnose
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.learned import learned
 from ident.evidence import evidence, gravity_basis
@@ -122,7 +123,7 @@ def test_a_name_takes_a_curves_place_once_it_explains_the_records() -> None:
     )
     state = fitted(bench, drawn)
     entry = replace(d.added[0], effect=state.effects[0])
-    new, (added,) = _renamed(bench, state, state.effects[0], [entry], state.select, lambda line: None)
+    new, (added,) = renamed(bench, state, state.effects[0], [entry], state.select, lambda line: None)
     assert [e.name for e in new.effects] == [added.effect.name] == ["motor-coulomb"]
     assert added.effect.joint == by_hand.JOINT
     assert added.effect.values[0] == pytest.approx(by_hand.LEVEL, rel=0.05)

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from outside import OUTSIDE
 
+from ident.added import outdone, pruned
 from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.coupled import declared_start
 from ident.curves import curves
-from ident.diagnose import _outdone, _pruned
 from ident.effects.base import Effect, Law
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import learned
@@ -145,16 +145,16 @@ def test_a_law_that_comes_back_is_found_with_its_period(name: str, values: tuple
 
 
 @pytest.mark.parametrize(
-    ("now", "port", "gain", "outdone"),
+    ("now", "port", "gain", "expected"),
     [(0.8, "link", 10.0, False), (0.3, "link", 10.0, True), (0.3, "spring", 10.0, False), (0.8, "link", 60.0, True)],
 )
-def test_curves_outdo_a_name_that_they_leave_little_of(now: float, port: str, gain: float, outdone: bool) -> None:
+def test_curves_outdo_a_name_that_they_leave_little_of(now: float, port: str, gain: float, expected: bool) -> None:
     """A name of size 1 that explained 100 when it was alone."""
     entry = diagnosed.diagnosis().added[0]
     friction = CATALOGUE["link-coulomb"]
     curve = learned(port, "velocity", [-1.0, 1.0])(JOINT, (0.0, 0.0))
     entries = [replace(entry, effect=friction(JOINT, (1.0,)), gain=100.0), replace(entry, effect=curve, gain=gain)]
-    assert _outdone(friction(JOINT, (now,)), entries) == outdone
+    assert outdone(friction(JOINT, (now,)), entries) == expected
 
 
 def test_what_no_record_shows_of_a_curve_stays_at_nothing() -> None:
@@ -184,7 +184,7 @@ def test_a_name_that_curves_outdo_is_drawn_as_a_curve() -> None:
     gains = (start.select - named.select, named.select - both.select)
     entry = diagnosed.diagnosis().added[0]
     entries = [replace(entry, effect=e, gain=gain) for e, gain in zip(both.effects, gains, strict=True)]
-    found, left_over = _pruned(tools, both, entries, lambda line: None)
+    found, left_over = pruned(tools, both, entries, lambda line: None)
     assert {e.name for e in found.effects} == {"unknown"}
     assert all(any(type(a.effect) is type(e) for a in left_over) for e in found.effects)
     assert found.select < both.select + 100.0

@@ -1,0 +1,108 @@
+"""An effect that was added, and what it makes of those before: superfluous, or a name of a curve, or a curve of a name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from ident.candidates import catalogue
+from ident.curves import curves
+from ident.effects.base import Effect
+from ident.minima import LEAST_GAIN, NAMED, fully, told
+from ident.parts import degrees
+from ident.refits import Bench, State, excess, linearised, same, without
+from ident.trials import ALIKE, CLOSE, CURVES, chosen, polished, promising, refitted
+
+#: Curves at the port of a name that together do more than this share of what it did, or leave it less than this share of its
+#: size, make it superfluous, if they can.
+OUTDONE = 0.5
+#: Names tried in the place of a learned curve.
+NAMES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """One effect that was added: `before` and `after` held-out errors; `gain` of chi^2 where it was chosen, of `excess`.
+
+    `rivals` are the next best, with the held-out error each leaves; `tied` those that these records do not tell apart.
+    `port_shares` is how much of the excess a free force at each (port, joint) would explain.
+    """
+
+    effect: Effect
+    std: tuple[float, ...]
+    before: float
+    after: float
+    gain: float
+    excess: float
+    rivals: tuple[tuple[Effect, float], ...]
+    tied: tuple[Effect, ...]
+    port_shares: tuple[tuple[str, int, float], ...]
+
+
+def pruned(
+    bench: Bench, state: State, added: list[Added], progress: Callable[[str], None]
+) -> tuple[State, list[Added]]:
+    """The model without those earlier effects that the last one of `added` has made superfluous."""
+    last = added[-1].effect
+    for old in state.effects[:-1]:
+        by_curve = last.name == "unknown" and old.name != "unknown"
+        if by_curve and not outdone(old, added):
+            continue  # a curve can play any law of its variable: it takes no name away
+        less = without(bench, state, old)
+        if less.select < state.select + LEAST_GAIN:
+            progress(f"  without {told(old)} as well: {excess(bench, less):.4g}")
+            state = less
+        elif by_curve:
+            state, added = _drawn_over(bench, state, less, old, added, progress)
+    return state, added
+
+
+def _drawn_over(
+    bench: Bench, state: State, less: State, named: Effect, added: list[Added], progress: Callable[[str], None]
+) -> tuple[State, list[Added]]:
+    """The model with a curve in a name's place, if one does as well; `less` is the one without the name."""
+    lin = linearised(less.problem, less.minimum.vector)
+    here = [c for c in curves(lin, bench.workers) if (c.effect.port, c.effect.joint) == (named.port, named.joint)]
+    tried = refitted(bench, less, [(c, lin) for c in here[:CURVES]], progress)
+    if not tried:
+        return state, added
+    best = fully(bench, min(tried, key=lambda one: one[1].select)[1])
+    if best.select > state.select + max(LEAST_GAIN, ALIKE * (state.select - degrees(bench.split.select))):
+        return state, added
+    return best, [replace(a, effect=best.effects[-1]) if same(a.effect, named) else a for a in added]
+
+
+def outdone(named: Effect, added: Sequence[Added]) -> bool:
+    """Whether curves at the port of a named effect do so much besides it, or in its place, that it is hardly the right name."""
+    alone = next(a for a in added if same(a.effect, named))
+    here = [a for a in added if (a.effect.name, a.effect.port, a.effect.joint) == ("unknown", named.port, named.joint)]
+    sizes = [(abs(now), abs(then)) for now, then, p in zip(named.values, alone.effect.values, named.parameters, strict=True)
+             if p.zero is not None and not p.whole]  # fmt: skip
+    less = bool(here) and bool(sizes) and all(now < OUTDONE * then for now, then in sizes)
+    return less or sum(a.gain for a in here) > OUTDONE * alone.gain
+
+
+def renamed(
+    bench: Bench, state: State, curve: Effect, added: list[Added], first: float, progress: Callable[[str], None]
+) -> tuple[State, list[Added]]:
+    """The model with a name in a learned curve's place, if one does as well now that more is known, or leaves nothing;
+    `first` as in `_round`."""
+    less = without(bench, state, curve)
+    lin = linearised(less.problem, less.minimum.vector)
+    names = [
+        c
+        for c in catalogue(lin, less.effects, bench.workers)
+        if (c.effect.joint, c.effect.port) == (curve.joint, curve.port)
+    ]
+    progress(f"without {told(curve)}: {excess(bench, less):.4g}")
+    dof = degrees(bench.split.select)
+    limit = max(state.select + max(LEAST_GAIN, ALIKE * (state.select - dof)), NAMED * dof)
+    if excess(bench, less) <= CLOSE:
+        names = promising(bench, names, less.select - limit)
+    tried = polished(bench, refitted(bench, less, [(c, lin) for c in names[:NAMES]], progress), first, progress)
+    best = chosen(bench, tried, less.select)
+    if best is None or best[1].select > limit:
+        return state, added
+    new = fully(bench, best[1])
+    entries = [replace(a, effect=new.effects[-1]) if same(a.effect, curve) else a for a in added]
+    return (new, entries) if new.select <= limit else (state, added)
