@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtri
 
 from ident.arm_fit import Minimum, Problem, spectrum
 from ident.campaign import Array, Campaign
@@ -106,11 +106,11 @@ def _links(
         C = C + 1e6 * hidden[where] @ hidden[where].T
     white: Array = np.linalg.inv(np.linalg.cholesky(C))
     y = white @ off
-    alone = chi2_distribution.isf(CHANCE, len(y))
+    alone = chdtri(len(y), CHANCE)
     if float(y @ y) < alone:
         return []
     links = np.linalg.inv(np.linalg.cholesky(C[:D, :D])) @ off[:D]
-    if float(links @ links) < chi2_distribution.isf(CHANCE, D) or share < SHARES["links"]:
+    if float(links @ links) < chdtri(D, CHANCE) or share < SHARES["links"]:
         return _gravity(off[D:], was[D:], C[D:, D:], where[D:])
     return _bodies(Change(model, basis, white, off, was, where))
 
@@ -177,7 +177,7 @@ class Change:
 
     def level(self, cost: float, rank: int) -> float:
         """A sum of squares over what chance leaves after so many numbers."""
-        return cost / max(float(chi2_distribution.isf(CHANCE, max(len(self.off) - rank, 1))), 1e-300)
+        return cost / max(float(chdtri(max(len(self.off) - rank, 1), CHANCE)), 1e-300)
 
     def explained(self, parts: Sequence[Part]) -> tuple[float, Array, Array] | None:
         """(level, parameters, their stds) of the best explanation by some parts, None where a mass would be negative."""

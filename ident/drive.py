@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ident.campaign import Array
 from ident.fit import PARAMETERS, JointFit
@@ -68,7 +68,7 @@ def share(joint: str, fits: Sequence[JointFit]) -> SharedDrive:
         pick = np.array([0, 1, 2 + r])
         off = values[r] / scale[pick] - x[pick]
         misfit += float(off @ weight @ off)
-    agrees = dof == 0 or misfit <= float(chi2.ppf(CONFIDENCE, dof))
+    agrees = dof == 0 or misfit <= float(chdtri(dof, 1.0 - CONFIDENCE))
     if not agrees:
         own = np.diag(covariances[:, 2, 2])
         return SharedDrive(joint, **combined, J_l=values[:, 2], covariance=own, chi2=misfit, dof=dof, agrees=False)

@@ -13,7 +13,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
-from scipy.stats import gamma
+from scipy.special import gammaincinv
 
 from ident.campaign import HOLDS, Array
 from ident.errors import IdentError
@@ -200,7 +200,7 @@ def chi2_limit(lines: int, dof: int, variance_dof: float, width: int, confidence
     one = 8.0 * u2 - 4.0 * u1**2
     shared = (width - 1) * 4.0 * (u2 - u1**2)
     mean, variance = dof * u1, dof / 2.0 * (one + shared)
-    return float(gamma.ppf(confidence, mean**2 / variance, scale=variance / mean) / dof)
+    return float(gammaincinv(mean**2 / variance, confidence) * variance / mean / dof)
 
 
 def _weight_moments(nu: float) -> tuple[float, float]:

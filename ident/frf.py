@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import gamma
+from scipy.special import gammainccinv
 
 from ident.campaign import Array, Campaign, Record
 from ident.errors import CampaignError
@@ -64,7 +64,7 @@ class Detection:
         level, noise = self.level[chosen] ** 2, self.noise[chosen] ** 2
         R = BINS - ORDER  # level / noise is F(2, 2R) distributed, minus the logarithm of its tail exponential
         tail = R * np.log1p(np.divide(level, R * noise, out=np.zeros_like(level), where=noise > 0.0)).sum(axis=0)
-        found = tail > gamma.isf(FALSE_ALARM, len(level))
+        found = tail > gammainccinv(len(level), FALSE_ALARM)
         return np.where(found, np.sqrt(np.maximum(np.mean(level - noise, axis=0), 0.0)), 0.0)
 
 

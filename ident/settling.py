@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
+from scipy.special import fdtri
 
 from ident.campaign import Array, Record
 from ident.leakage import BINS, ORDER, ROUNDING, Complex, between_lines
@@ -30,7 +30,7 @@ def settled_from(record: Record, band: NDArray[np.int64], floor: Array) -> tuple
     P, S = record.periods, record.samples_per_period
     groups = max(len(band) // GROUP, 1)
     dof = 2 * (BINS - ORDER)
-    limit = np.log(f_distribution.isf(FALSE_ALARM / (P * (groups + 1) * record.theta.shape[1]), dof, dof))
+    limit = -np.log(fdtri(dof, dof, FALSE_ALARM / (P * (groups + 1) * record.theta.shape[1])))
     later: list[Array] = []
     for start in range(P - 2, -1, -1):
         mean, noise, _ = between_lines(record.theta[start * S : (start + 2) * S], 2, band)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ident.campaign import Array
 from ident.errors import IdentError
@@ -127,7 +127,7 @@ def solve(
     left_out = np.divide(Q @ residual, np.diag(Q), out=np.zeros(M), where=checked)
     standardised = np.where(checked, left_out * np.sqrt(np.maximum(np.diag(Q), 0.0)), 0.0)
     dof = M - rank
-    agrees = bool(misfit <= chi2.ppf(CONFIDENCE, dof)) if dof > 0 else True
+    agrees = bool(misfit <= chdtri(dof, 1.0 - CONFIDENCE)) if dof > 0 else True
     return Alpha(
         estimate.value, estimate.covariance, known, estimate.unseen, tuple(stages), residual, redundancy, left_out,
         standardised, misfit, dof, agrees, _status(known, of_alpha, misfit, dof, agrees),
@@ -162,7 +162,7 @@ def combine(values: ArrayLike, std: ArrayLike) -> Combined:
     weight = 1.0 / s**2
     mean = float(weight @ x / weight.sum())
     misfit, dof = float(np.sum(((x - mean) / s) ** 2)), len(x) - 1
-    agrees = dof == 0 or misfit <= chi2.ppf(CONFIDENCE, dof)
+    agrees = dof == 0 or misfit <= chdtri(dof, 1.0 - CONFIDENCE)
     inflation = 1.0 if agrees else np.sqrt(misfit / dof)
     spread = float(np.sqrt(weight @ (x - mean) ** 2 / weight.sum()))
     return Combined(mean, float(inflation / np.sqrt(weight.sum())), misfit, dof, bool(agrees), spread)
@@ -238,6 +238,6 @@ def _status(
     if not agrees:
         lines.append(
             f"the measurements disagree: chi2 {misfit:.3g} over {dof} degrees of freedom,"
-            f" noise allows {chi2.ppf(CONFIDENCE, dof):.3g}"
+            f" noise allows {chdtri(dof, 1.0 - CONFIDENCE):.3g}"
         )
     return tuple(lines)
