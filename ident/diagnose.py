@@ -37,14 +37,16 @@ from ident.refits import (
     same,
     without,
 )
-from ident.trace import port_shares
+from ident.trace import Linearised, port_shares
 from ident.trials import (
     AHEAD,
     ALIKE,
     CLOSE,
     ENOUGH,
     TIE,
+    Tried,
     ahead,
+    at_minimum,
     chosen,
     earned,
     explains,
@@ -243,14 +245,9 @@ def _round(
     """The model with one effect more, if any earns it; `first` is chi^2 on the choosing records before any was added. Where
     `little` is left, only of those that promise most of it."""
     lin = linearised(state.problem, state.minimum.vector)
-    begun = resting(bench, state, lin, progress) if little else hasty(bench, state, lin, first, progress)
-    tried, best = begun, ahead(bench, begun, first, progress)
+    best, tried = _best(bench, state, lin, first, progress, little)
     if best is None:
-        tried = polished(bench, begun, first, progress)
-        best = chosen(bench, tried, state.select)
-        if best is None or not np.isfinite(best[1].select):
-            return None
-        best = best[0], fully(bench, best[1])
+        return None
     new = since(bench, best[1])
     hastily = new.select < AHEAD * state.select
     less = without(bench, new, new.effects[-1], HASTILY if hastily else FINELY)
@@ -279,6 +276,28 @@ def _round(
         port_shares=port_shares(lin),
     )  # fmt: skip
     return new, entry
+
+
+def _best(
+    bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None], little: bool
+) -> tuple[Tried | None, list[Tried]]:
+    """The candidate to be chosen beyond `state`, at its minimum, and all that were tried; as in `_round`."""
+    tried: list[Tried] = []
+    leader: Tried | None = None
+    for more in [resting(bench, state, lin, progress)] if little else hasty(bench, state, lin, first, progress):
+        tried += more
+        one = ahead(bench, tried, first)
+        if one is None or one is leader:
+            continue
+        leader = at_minimum(bench, one, progress)
+        tried = [leader if other is one else other for other in tried]
+        if explains(bench, leader[1], first):
+            return leader, tried
+    tried = polished(bench, tried, first, progress)
+    best = chosen(bench, tried, state.select)
+    if best is None or not np.isfinite(best[1].select):
+        return None, tried
+    return (best[0], fully(bench, best[1])), tried
 
 
 def _error(bench: Bench, state: State) -> float:

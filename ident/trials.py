@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -93,26 +93,29 @@ def promising(bench: Bench, likely: Sequence[Candidate], fall: float) -> list[Ca
     return [c for c in likely if c.gain > least]
 
 
-def hasty(bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None]) -> list[Tried]:
-    """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted; `first` as in `explains`.
+def hasty(
+    bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None]
+) -> Iterator[list[Tried]]:
+    """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted, in parts of which the first may do; `first`
+    as in `explains`.
 
     The first effect is looked for from the declared arm, too: a fit that is far off bends everything else, shapes of an
     impedance at any rate. Where it is very far that comes first, and is all if a name then explains the records.
     """
     if state.effects:
-        return _from_fitted(bench, state, lin, progress)
-    if excess(bench, state) > BENT:
+        yield _from_fitted(bench, state, lin, progress)
+    elif excess(bench, state) > BENT:
         declared = _from_declared(bench, state, None, progress)
-        if _explaining(bench, declared, first) is not None:
-            return declared
-        if _law_leads(declared):
-            return declared + _drawn(bench, state, lin, progress)
-        return declared + _from_fitted(bench, state, lin, progress)
-    tried = _from_fitted(bench, state, lin, progress)
-    found = _explaining(bench, tried, first)
-    if found is None or only_impedance(found):
-        tried += _from_declared(bench, state, found, progress)
-    return tried
+        yield declared
+        if _explaining(bench, declared, first) is None:
+            more = _drawn if _law_leads(declared) else _from_fitted
+            yield more(bench, state, lin, progress)
+    else:
+        tried = _from_fitted(bench, state, lin, progress)
+        found = _explaining(bench, tried, first)
+        if found is None or only_impedance(found):
+            tried += _from_declared(bench, state, found, progress)
+        yield tried
 
 
 def resting(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
@@ -186,18 +189,20 @@ def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> 
     )  # fmt: skip
 
 
-def ahead(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> Tried | None:
-    """A name so far ahead of all other candidates that these need not be fitted finely, at its minimum, if it leaves nothing there;
-    `first` as in `explains`."""
+def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
+    """A name so far ahead of all other candidates that these need not be fitted finely; none if it leaves nothing already, where only
+    those near it are; `first` as in `explains`."""
     order = sorted(tried, key=_select)
     if len(order) < 2 or is_curve(order[0]) or _select(order[0]) > AHEAD * _select(order[1]):
         return None
-    best = order[0]
-    if explains(bench, best[1], first, CLOSE**2):
-        return None  # only those near it are fitted finely then
-    state = fully(bench, best[1])
+    return None if explains(bench, order[0][1], first, CLOSE**2) else order[0]
+
+
+def at_minimum(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
+    """A candidate that is far ahead, at its minimum."""
+    state = fully(bench, _otherwise(bench, one[1], progress))
     progress(f"  far ahead, {told(state.effects[-1])}: {excess(bench, state):.4g}")
-    return (best[0], state) if explains(bench, state, first) else None
+    return one[0], state
 
 
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
