@@ -71,11 +71,13 @@ class Posture:
 
 @dataclass(frozen=True)
 class Sampling:
-    """When a response is read: lines `f` [L, Hz]; angles at `fs` [Hz] with torque held between ("zoh") or not."""
+    """When a response is read: lines `f` [L, Hz]; angles at `fs` [Hz] with torque held between ("zoh") or not; up to `near` aliases
+    a side computed one by one."""
 
     f: Array
     fs: float
     hold: str
+    near: int = MOST_NEAR
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,7 @@ def _by_powers(arm: Posture, p: Parameters, sampling: Sampling, derive: bool) ->
     poles = np.abs(np.linalg.eigvals(np.block([[0.0 * eye, eye], [-by_place, -by_rate]]))).max() / (2.0 * np.pi)
 
     top = float(sampling.f.max())
-    near = int(np.clip(np.ceil((CONVERGES * poles + top) / sampling.fs) - 1, 0, MOST_NEAR))
+    near = int(np.clip(np.ceil((CONVERGES * poles + top) / sampling.fs) - 1, 0, sampling.near))
     ratio = poles / ((near + 1) * sampling.fs - top)
     count, sloped = (1 if CONVERGES * ratio > 1.0 else 1 + int(np.ceil(np.log(accuracy) / np.log(ratio)))
                      for accuracy in (ALIAS_ACCURACY, SLOPE_ACCURACY))  # fmt: skip

@@ -251,7 +251,7 @@ def _round(
     new = since(bench, best[1])
     hastily = new.select < AHEAD * state.select
     less = without(bench, new, new.effects[-1], HASTILY if hastily else FINELY)
-    if hastily and less.select < state.select:
+    if hastily and new.select >= AHEAD * less.select:
         less = without(bench, new, new.effects[-1])
     state = less if less.select < state.select else state  # what is gained by a better fit is no gain of the effect
     dof = degrees(bench.split.select)

@@ -16,6 +16,8 @@ from symgen.plan import Model
 LEVERAGE = 3.0
 #: Excited lines in a row that go to the same kind where lines take the place of records.
 BLOCK = 3
+#: Aliases a side computed one by one where few lines of a record do.
+ROUGHLY_NEAR = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,8 @@ def lines_of(one: Evidence, use: NDArray[np.bool_]) -> Evidence:
 
 
 def few_lines(one: Evidence, most: int) -> Evidence:
-    """The same record, judged at `most` of its lines at most."""
+    """The same record, judged at `most` of its lines at most, poles far above the sampling rate told less closely."""
+    one = replace(one, sampling=replace(one.sampling, near=ROUGHLY_NEAR))
     judged = np.flatnonzero(one.use)
     if len(judged) <= most:
         return one
