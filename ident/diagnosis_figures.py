@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 #: Instants drawn of a law.
 INSTANTS = 600
+#: Factor by which an axis reaches beyond the first and last line.
+ROOM = 1.06
 
 
 def before_after_figure(row: HeldOut) -> str:
@@ -27,7 +29,7 @@ def before_after_figure(row: HeldOut) -> str:
         axes = figure.add_axes((0.1, 0.13, 0.885, 0.75))
         logarithmic(axes.set_xscale, axes.xaxis)
         logarithmic(axes.set_yscale, axes.yaxis)
-        axes.set_xlim(row.f[0], row.f[-1])
+        axes.set_xlim(row.f[0] / ROOM, row.f[-1] * ROOM)
         axes.plot(row.f, noise, color=MUTED, linewidth=1.0, label="noise")
         for values, colour, label in (
             (measured, DATA, "response"),
@@ -61,8 +63,9 @@ def law_figure(force: Force) -> str:
             row, (force.position - force.position.mean(), force.velocity, force.torque), names, strict=True
         ):
             _cloud(axes, x[pick], force.found[pick], force.law[pick])
-            axes.set_xlabel(name)
+            axes.set_xlabel(name, loc="left")
             axes.locator_params(axis="x", nbins=5)
+            axes.ticklabel_format(scilimits=(-2, 3))  # so that labels are short
         row[0].set_ylabel("error of the angle [rad]" if force.port == "sensor" else "torque [N m]")
         row[0].plot([], [], linestyle="none", marker=".", color=DATA, label="from the records, no law assumed")
         row[0].plot([], [], linestyle="none", marker=".", color=FIT, label="the effect")

@@ -16,6 +16,9 @@ from ident.verdict import entry, number
 if TYPE_CHECKING:
     from markupsafe import Markup
 
+#: Held-out error, of noise alone, up to which the records are explained.
+EXPLAINED = 1.5
+
 
 def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
     """Returns the report of a diagnosis whose verdict.json is `verdict`, as one HTML file that needs nothing else."""
@@ -53,9 +56,12 @@ def sentence(verdict: dict[str, Any]) -> str:
     if verdict["status"] == "explained":
         return "Nothing is missing: the declared model explains every record within its noise."
     if verdict["status"] == "effect-found":
-        return (
-            f"The declared model lacks {joined}; with {'it' if len(effects) == 1 else 'them'} it explains the records."
-        )
+        e, pronoun = verdict["error"], "it" if len(effects) == 1 else "them"
+        found, noise = f"The declared model lacks {joined}; with {pronoun}", e["noise_floor"]
+        if noise and e["after"]["all"] > EXPLAINED * noise:
+            before, after = (f"{e[when]['all'] / noise:.3g}" for when in ("before", "after"))
+            return f"{found} its error falls from {before} to {after} times the noise."
+        return f"{found} it explains the records."
     place = _place(verdict["unexplained"][0]) if verdict["unexplained"] else "the records"
     if not effects:
         return f"Something acts that nothing in the catalogue explains: {place}."

@@ -53,6 +53,14 @@ def test_nothing_found_is_said_plainly(file):
     assert "What stays unexplained" not in html(d, v)
 
 
+def test_an_effect_that_leaves_more_than_noise_is_not_said_to_explain_the_records(file):
+    v = verdict_document(diagnosis(), [file])
+    v["error"] |= {"before": {"all": 0.3}, "after": {"all": 0.1}, "noise_floor": 0.01}
+    assert sentence(v).endswith("with it its error falls from 30 to 10 times the noise.")
+    v["error"]["noise_floor"] = 0.09
+    assert sentence(v).endswith("with it it explains the records.")
+
+
 def test_the_text_is_one_table_and_one_line_an_effect(file):
     d = diagnosis()
     lines = text(verdict_document(d, [file])).splitlines()
