@@ -20,11 +20,13 @@ from ident.departures import Departure, Errors, departures, errors, groups
 from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
+from ident.forked import forked
 from ident.frf import Frf, estimate
 from ident.minima import NAMED, afresh, elsewhere, fully, since
 from ident.parts import Split, degrees, sampled, split, split_lines
 from ident.refits import (
     FEW_SAMPLES,
+    FEW_TURNS,
     FINELY,
     HASTILY,
     Bench,
@@ -260,6 +262,7 @@ def _round(
         return None
     others = [pair for pair in tried if pair[0].key != best[0].key and np.isfinite(pair[1].select)]
     rivals = sorted((other for _, other in others), key=lambda other: other.select)
+    left = forked(lambda other: _error(bench, other), rivals[:3], bench.workers)
     report = bench.split.report
     entry = Added(
         effect=new.effects[-1],
@@ -268,7 +271,7 @@ def _round(
         after=errors(bench, new, report).all,
         gain=gain,
         excess=before,
-        rivals=tuple((other.effects[-1], error) for other in rivals[:3] if (error := _error(bench, other)) < np.inf),
+        rivals=tuple((other.effects[-1], error) for other, error in zip(rivals, left, strict=False) if error < np.inf),
         tied=tuple(
             other.effects[-1] for other in rivals
             if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0) and other.effects[-1].name != "unknown"
@@ -303,8 +306,9 @@ def _best(
 def _error(bench: Bench, state: State) -> float:
     """The relative error of a rival on the records that report, told as coarsely as it was fitted; infinite where its response is
     no number."""
+    coarse = replace(state, problem=replace(state.problem, turns=FEW_TURNS))
     try:
-        return errors(bench, state, tuple(sampled(one, FEW_SAMPLES) for one in bench.split.report)).all
+        return errors(bench, coarse, tuple(sampled(one, FEW_SAMPLES) for one in bench.split.report)).all
     except (ValueError, np.linalg.LinAlgError):
         return float(np.inf)
 
