@@ -1,7 +1,8 @@
 """The loop: the residual of the declared arm, the port where it acts, the effect that makes it; added, refitted, judged.
 
 Three kinds of record keep it honest: the model is fitted on some, effects are chosen on others, errors are reported on
-the rest. Nothing here knows more than the campaign file: the declared robot, the catalogue, the records.
+the rest. What was chosen is fitted once more, on all but these. Nothing here knows more than the campaign file: the
+declared robot, the catalogue, the records.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.forked import forked
 from ident.frf import Frf, estimate
-from ident.minima import NAMED, afresh, elsewhere, fully, since
+from ident.minima import NAMED, afresh, elsewhere, fully, settled, since
 from ident.parts import Split, degrees, sampled, split, split_lines
 from ident.refits import (
     FEW_SAMPLES,
@@ -145,11 +146,15 @@ class Begun:
             if _left(*by_lines, other) < _left(bench, start, state):
                 (bench, start), state, added = by_lines, other, more
                 left = _left_over(bench, start, state, added)
+        off = () if left else contradicted(bench, state)
+        found, state = state, settled(bench, state)
+        start = state if found is start else start
+        before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
+        if added:
+            added[-1] = replace(added[-1], after=after.all)
         final = tuple(
             replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if same(a.effect, e)
         )
-        before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
-        off = () if left else contradicted(bench, state)
         if off:
             before = errors(bench, off[0].without, bench.split.report) if not final else before
         status = "unexplained" if left else "effect-found" if final or off else "explained"
@@ -212,8 +217,6 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
     for effect in state.effects[:-1]:  # found while others were missing
         if not explains(bench, state, start.select):
             state = elsewhere(bench, state, effect, progress)
-    if added:
-        added[-1] = replace(added[-1], after=errors(bench, state, bench.split.report).all)
     return state, added
 
 

@@ -11,7 +11,7 @@ from ident.arm_fit import chi_squared, hold
 from ident.campaign import Array
 from ident.effects.base import Effect, has_forces, only_impedance
 from ident.effects.learned import Learned
-from ident.parts import degrees
+from ident.parts import degrees, united
 from ident.refits import BY_ALL, FAINTLY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
 
 #: Fall of chi^2 on the records that chose it with which an effect, or another place, is no matter of noise.
@@ -50,6 +50,15 @@ def _closely(bench: Bench, refit: Refit, left: float) -> State:
             return state
         refit = Refit.of(state)
     return fitted(bench, replace(refit, outer=FULLY, roughly=FAINTLY))
+
+
+def settled(bench: Bench, state: State) -> State:
+    """The model, once it is chosen, by the records that chose it, too: these tell its values as well as those that fitted it."""
+    if excess(bench, state) > BY_ALL:
+        return state
+    both = replace(bench, split=replace(bench.split, fit=united(*bench.split.fit, *bench.split.select)))
+    new = fitted(both, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
+    return replace(new, select=state.select) if np.isfinite(new.minimum.chi2) else state
 
 
 def lowest(bench: Bench, starts: Sequence[Refit]) -> State:

@@ -90,10 +90,11 @@ def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> 
 
 
 def split_lines(data: tuple[Evidence, ...], why: str) -> Split:
-    """Of every record two blocks of lines in four fit, one chooses, one reports."""
+    """Of every record two blocks of lines in four fit, one chooses, one reports; others of the next record, so that a mode that a
+    line or two tell of is told to each part."""
     note = f"{why}: fitting, choosing and reporting lines are blocks of each record by turns"
     fit, select, report = (
-        tuple(lines_of(one, np.isin(np.cumsum(one.is_excited) // BLOCK % 4, turns)) for one in data)
+        tuple(lines_of(one, np.isin((np.cumsum(one.is_excited) // BLOCK + k) % 4, turns)) for k, one in enumerate(data))
         for turns in ((0, 2), (1,), (3,))
     )
     return Split(fit, select, report, note)
@@ -102,6 +103,15 @@ def split_lines(data: tuple[Evidence, ...], why: str) -> Split:
 def lines_of(one: Evidence, use: NDArray[np.bool_]) -> Evidence:
     """The same record, judged at some of its lines; its motion is still that of all."""
     return replace(one, judged=use if one.judged is None else use & one.judged)
+
+
+def united(*parts: Evidence) -> tuple[Evidence, ...]:
+    """The records of `parts`, each once, judged at the lines of all parts of it."""
+    found: dict[int, Evidence] = {}
+    for one in parts:
+        other = found.get(one.index)
+        found[one.index] = one if other is None else replace(one, judged=one.use | other.use)
+    return tuple(found[index] for index in sorted(found))
 
 
 def few_lines(one: Evidence, most: int) -> Evidence:

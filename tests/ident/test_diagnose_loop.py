@@ -12,7 +12,7 @@ import pytest
 from ident.added import renamed
 from ident.arm_fit import hold
 from ident.bench import simulate
-from ident.campaign import Campaign
+from ident.campaign import Array, Campaign
 from ident.candidates import catalogue, nearer, otherwise
 from ident.coupled import declared_start
 from ident.diagnose import Diagnosis, diagnose
@@ -20,8 +20,8 @@ from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.learned import learned
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
-from ident.parts import split
-from ident.refits import HASTILY, Bench, Refit, fitted
+from ident.parts import split, split_lines, united
+from ident.refits import HASTILY, Bench, Refit, fitted, linearised
 from ident.trace import linearise
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
@@ -55,6 +55,23 @@ def test_nothing_is_found_where_nothing_is(model: Model) -> None:
     lone = split(found.split.fit[:1], model)
     lines = [part[0].use for part in (lone.fit, lone.select, lone.report)]
     assert lone.note and np.all(np.sum(lines, axis=0) == 1)  # nor a line
+    by_lines = split_lines(found.split.fit, "few")
+    fitting, every = (
+        {f for one in part for f in one.sampling.f[one.use].tolist()} for part in (by_lines.fit, found.split.fit)
+    )
+    assert fitting == every  # each of which fits in some record
+    told = united(*by_lines.fit, *by_lines.select)
+    assert len(told) == len(by_lines.fit)
+    for one, kept in zip(told, by_lines.report, strict=True):
+        assert np.all(one.use ^ kept.use)
+    information = found.end.minimum.information
+    assert np.linalg.slogdet(information)[1] > np.linalg.slogdet(fewer(found))[1]
+
+
+def fewer(found: Diagnosis) -> Array:
+    """What the fitting records alone tell of the parameters that were found."""
+    lin = linearised(replace(found.end.problem, data=found.split.fit), found.end.minimum.vector)
+    return lin.information
 
 
 @pytest.mark.parametrize(
