@@ -21,6 +21,8 @@ KNOTS = {"velocity": 17, "torque": 17, "deflection": 17, "position": 9, "frictio
 #: are looked for, peaks there, harmonics that a peak may be, and whole parts
 #: of a turn that are tried: one is preferred that does this share of what others do.
 HIGHEST, HARMONICS, REPEATING, PEAKS_OF_WAVES, MULTIPLES, WHOLE, AS_WELL = 30.0, 6, 3, 4, 4, 12, 0.9
+#: How often a curve that repeats itself does so in what the records cover, at least.
+AGAIN = 1.5
 
 
 #: A kind of curve, and the joint it is of.
@@ -74,7 +76,7 @@ def _repeating(lin: Linearised, port: str, joint: int, name: str, seen: Spectrum
     count = 2 * HARMONICS + 1
 
     def best(orders: Iterable[float]) -> Candidate | None:
-        periods = [2.0 * np.pi / order for order in orders if order >= seen.orders[0]]
+        periods = [2.0 * np.pi / order for order in orders if order >= AGAIN * seen.resolved]
         shapes = [(learned(port, name, (p * np.arange(count) / count).tolist(), p), joint) for p in periods]
         return max(_drawn(lin, shapes, workers), key=lambda one: one.gain, default=None)
 
