@@ -33,7 +33,7 @@ from symgen.robot import load_robot
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
 SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
 #: One record at each rest of the joint: 150 rad of the motor apart, all within 2 rad each.
-JOINT, RESTS = 1, (-1.1, -0.2, 0.31, 1.3)
+JOINT, RESTS, NEAR = 1, (-1.1, -0.2, 0.31, 1.3), (0.31, 0.32)
 TEETH = 3.0
 
 
@@ -76,12 +76,12 @@ def test_friction_by_position_is_against_the_motion_and_gives_nothing_back() -> 
 
 
 @cache
-def bench(name: str, *values: float) -> Bench:
+def bench(name: str, *values: float, rests: tuple[float, ...] = RESTS) -> Bench:
     """Short records with an effect that is in no catalogue, the same to fit, choose and report."""
     chain = chain_of_robot(SHORT)
     rest = np.array(plan_of_robot(SHORT).cells[0].q)
     cells = []
-    for angle in RESTS:
+    for angle in rests:
         q = rest.copy()
         q[JOINT] = angle
         cells.append((chain.names[JOINT], q))
@@ -94,15 +94,15 @@ def bench(name: str, *values: float) -> Bench:
 
 
 @cache
-def declared(name: str, *values: float) -> Fitted:
+def declared(name: str, *values: float, rests: tuple[float, ...] = RESTS) -> Fitted:
     """The declared arm, fitted to such records."""
-    return first(bench(name, *values))
+    return first(bench(name, *values, rests=rests))
 
 
 @cache
-def left(name: str, *values: float) -> Linearised:
+def left(name: str, *values: float, rests: tuple[float, ...] = RESTS) -> Linearised:
     """What it leaves of them."""
-    found = declared(name, *values)
+    found = declared(name, *values, rests=rests)
     return linearise(found.problem, found.minimum.vector, hold(found.problem, found.minimum.vector))
 
 
@@ -132,16 +132,27 @@ def test_a_spectrum_is_what_each_wave_explains() -> None:
 
 @pytest.mark.parametrize(
     ("name", "values", "variable"),
-    [("detent", (2e-3, TEETH, 0.4), "position"), ("place-friction", (3e-4, TEETH), "friction")],
+    [
+        ("detent", (2e-3, TEETH, 0.4), "position"),
+        ("place-friction", (3e-4, TEETH), "friction"),
+    ],
 )
 def test_a_law_that_comes_back_is_found_with_its_period(name: str, values: tuple[float, ...], variable: str) -> None:
     best = curves(left(name, *values))[0].effect
     kind: type[Effect] = type(best)
     assert (best.joint, best.port, kind.variable) == (JOINT, "motor", variable)  # type: ignore[attr-defined]
-    times = kind.period / (2.0 * np.pi / TEETH)  # type: ignore[attr-defined]
+    times = kind.period / (2.0 * np.pi / values[1])  # type: ignore[attr-defined]
     assert (
         times == pytest.approx(round(times), rel=1e-3) and 1 <= round(times) <= 3
     )  # so often, within a turn of the motor
+
+
+def test_a_law_that_comes_back_twice_in_what_the_records_cover_is_no_faster_one() -> None:
+    lin = left("detent", 2e-3, TEETH, 0.4, rests=NEAR)
+    x = np.concatenate([motion.of("theta", [JOINT]) for motion in lin.motions["motor"]])
+    assert 1.5 < TEETH * np.ptp(x) / (2.0 * np.pi) < 3.0
+    kind: type[Effect] = type(curves(lin)[0].effect)
+    assert kind.period == pytest.approx(2.0 * np.pi / TEETH)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
