@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 from ident.candidates import catalogue
 from ident.curves import curves
-from ident.effects.base import Effect
+from ident.effects.base import Effect, Law
+from ident.effects.learned import learned
 from ident.minima import LEAST_GAIN, NAMED, fully, told
 from ident.parts import degrees
 from ident.refits import Bench, State, excess, linearised, same, without
@@ -53,14 +54,18 @@ def pruned(
             progress(f"  without {told(old)} as well: {excess(bench, less):.4g}")
             state = less
         elif by_curve:
-            state, added = _drawn_over(bench, state, less, old, added, progress)
+            state, added = drawn_over(bench, state, less, old, added, progress)
     return state, added
 
 
-def _drawn_over(
+def drawn_over(
     bench: Bench, state: State, less: State, named: Effect, added: list[Added], progress: Callable[[str], None]
 ) -> tuple[State, list[Added]]:
     """The model with a curve in a name's place, if one does as well; `less` is the one without the name."""
+    if isinstance(named, Law) and named.dry and [p.name for p in named.parameters] == ["level"]:
+        place = next(k for k, e in enumerate(state.effects) if same(e, named))
+        best = _flat(bench, state, named)  # the same law
+        return best, [replace(a, effect=best.effects[place]) if same(a.effect, named) else a for a in added]
     lin = linearised(less.problem, less.minimum.vector)
     here = [c for c in curves(lin, bench.workers) if (c.effect.port, c.effect.joint) == (named.port, named.joint)]
     tried = refitted(bench, less, [(c, lin) for c in here[:CURVES]], progress)
@@ -70,6 +75,14 @@ def _drawn_over(
     if best.select > state.select + max(LEAST_GAIN, ALIKE * (state.select - degrees(bench.split.select))):
         return state, added
     return best, [replace(a, effect=best.effects[-1]) if same(a.effect, named) else a for a in added]
+
+
+def _flat(bench: Bench, state: State, named: Effect) -> State:
+    """The model, Coulomb's friction in it a learned one that is as high everywhere: its one height tells it from other curves."""
+    kind = learned(named.port, "friction", [0.0])
+    effects = tuple(kind(e.joint, e.values) if same(e, named) else e for e in state.effects)
+    problem = bench.problem(state.problem.data, effects, state.scales, state.limits)
+    return replace(state, effects=effects, problem=replace(problem, slid=state.problem.slid))
 
 
 def outdone(named: Effect, added: Sequence[Added]) -> bool:

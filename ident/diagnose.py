@@ -210,7 +210,7 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
         state, added = pruned(bench, state, added, progress)
-        for curve in [e for e in state.effects[:-1] if e.name == "unknown"]:
+        for curve in [e for e in state.effects[:-1] if e.name == "unknown" and len(e.values) > 1]:  # one was a name
             state, added = renamed(bench, state, curve, added, start.select, progress)
     if added and excess(bench, state) > NAMED:
         state = afresh(bench, state, progress)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from outside import OUTSIDE
 
-from ident.added import outdone, pruned
+from ident.added import drawn_over, outdone, pruned
 from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.coupled import declared_start
@@ -176,6 +176,26 @@ def test_what_no_record_shows_of_a_curve_stays_at_nothing() -> None:
     vector, limits = np.concatenate([start.minimum.vector, heights]), ((-np.inf, np.inf),) * 5
     found = fitted(tools, Refit(vector, (away(JOINT, heights),), (1e-4,) * 5, limits, 3, 1e-9))
     assert np.abs(found.effects[0].values[-1]) < 1e-6
+
+
+def test_dry_friction_that_a_curve_outdoes_is_learned_friction_of_one_height() -> None:
+    """The same model: of a law that is steep at rest a curve of velocity leaves a step, which is no Coulomb friction."""
+    d = diagnosed.diagnosis()
+    (named,), entry = d.end.effects, d.added[0]
+    curve = learned(named.port, "velocity", [-1.0, 1.0])(named.joint, (1e-6, -1e-6))
+    limits, scales = (*d.end.limits, *((-1.0, 1.0),) * 2), (*d.end.scales, 1e-3, 1e-3)
+    minimum = replace(d.end.minimum, vector=np.append(d.end.minimum.vector, curve.values))
+    both = replace(d.end, effects=(named, curve), scales=scales, limits=limits, minimum=minimum)
+    basis = gravity_basis(d.model, d.campaign.gravity)
+    tools = Bench(d.campaign, d.model, basis, d.split, declared_start(d.campaign, d.model, d.responses, basis), 1)
+    entries = [replace(entry, gain=1.0), replace(entry, effect=curve, gain=100.0)]
+    found, left_over = drawn_over(tools, both, d.start, named, entries, lambda line: None)
+    flat = found.effects[0]
+    assert (flat.name, flat.port, flat.joint, flat.values) == ("unknown", named.port, named.joint, named.values)
+    assert left_over[0].effect is flat and left_over[1] is entries[1]
+    rates = np.array([-3.0, 0.0, 0.01, 5.0])
+    assert isinstance(flat, Law) and isinstance(named, Law)
+    np.testing.assert_allclose(flat.law(state(0.3, rates)), named.law(state(0.3, rates)))
 
 
 def test_a_name_that_curves_outdo_is_drawn_as_a_curve() -> None:
