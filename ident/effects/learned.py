@@ -76,5 +76,6 @@ def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: fl
         variable = variable_name
         knots = tuple(float(x) for x in at)
         period = repeats
+        dry = variable_name == "friction"
 
     return Curve
