@@ -62,10 +62,11 @@ def drawn_over(
     bench: Bench, state: State, less: State, named: Effect, added: list[Added], progress: Callable[[str], None]
 ) -> tuple[State, list[Added]]:
     """The model with a curve in a name's place, if one does as well; `less` is the one without the name."""
-    if isinstance(named, Law) and named.dry and [p.name for p in named.parameters] == ["level"]:
-        place = next(k for k, e in enumerate(state.effects) if same(e, named))
-        best = _flat(bench, state, named)  # the same law
-        return best, [replace(a, effect=best.effects[place]) if same(a.effect, named) else a for a in added]
+    if (flat := _flat(named)) is not None:
+        effects = tuple(flat if same(e, named) else e for e in state.effects)
+        problem = bench.problem(state.problem.data, effects, state.scales, state.limits)
+        best = replace(state, effects=effects, problem=replace(problem, slid=state.problem.slid))
+        return best, [replace(a, effect=flat) if same(a.effect, named) else a for a in added]
     lin = linearised(less.problem, less.minimum.vector)
     here = [c for c in curves(lin, bench.workers) if (c.effect.port, c.effect.joint) == (named.port, named.joint)]
     tried = refitted(bench, less, [(c, lin) for c in here[:CURVES]], progress)
@@ -77,12 +78,16 @@ def drawn_over(
     return best, [replace(a, effect=best.effects[-1]) if same(a.effect, named) else a for a in added]
 
 
-def _flat(bench: Bench, state: State, named: Effect) -> State:
-    """The model, Coulomb's friction in it a learned one that is as high everywhere: its one height tells it from other curves."""
-    kind = learned(named.port, "friction", [0.0])
-    effects = tuple(kind(e.joint, e.values) if same(e, named) else e for e in state.effects)
-    problem = bench.problem(state.problem.data, effects, state.scales, state.limits)
-    return replace(state, effects=effects, problem=replace(problem, slid=state.problem.slid))
+def _flat(named: Effect) -> Effect | None:
+    """The learned friction that is the same law as Coulomb's: as high everywhere. None for any other law."""
+    if not (isinstance(named, Law) and named.dry and [p.name for p in named.parameters] == ["level"]):
+        return None
+    return learned(named.port, "friction", [0.0])(named.joint, named.values)
+
+
+def was_named(curve: Effect) -> bool:
+    """Whether a learned curve is friction of one height, whose name another curve outdid: it is given none again."""
+    return len(curve.values) == 1
 
 
 def outdone(named: Effect, added: Sequence[Added]) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.added import Added, pruned, renamed
+from ident.added import Added, pruned, renamed, was_named
 from ident.arm_fit import spectrum
 from ident.campaign import Campaign
 from ident.contradicted import Off, contradicted
@@ -63,6 +63,8 @@ from symgen.plan import Model
 
 #: Effects added at most.
 MOST_EFFECTS = 4
+#: Rivals whose errors are told.
+RIVALS = 3
 #: A learned curve needs this share of all that was in excess to be added.
 CURVE_SHARE = 0.05
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
@@ -210,7 +212,7 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
         state, added = pruned(bench, state, added, progress)
-        for curve in [e for e in state.effects[:-1] if e.name == "unknown" and len(e.values) > 1]:  # one was a name
+        for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:
             state, added = renamed(bench, state, curve, added, start.select, progress)
     if added and excess(bench, state) > NAMED:
         state = afresh(bench, state, progress)
@@ -265,7 +267,7 @@ def _round(
         return None
     others = [pair for pair in tried if pair[0].key != best[0].key and np.isfinite(pair[1].select)]
     rivals = sorted((other for _, other in others), key=lambda other: other.select)
-    left = forked(lambda other: _error(bench, other), rivals[:3], bench.workers)
+    left_by = list(forked(lambda other: _error(bench, other), rivals[:RIVALS], bench.workers))
     report = bench.split.report
     entry = Added(
         effect=new.effects[-1],
@@ -274,7 +276,7 @@ def _round(
         after=errors(bench, new, report).all,
         gain=gain,
         excess=before,
-        rivals=tuple((other.effects[-1], error) for other, error in zip(rivals, left, strict=False) if error < np.inf),
+        rivals=tuple((other.effects[-1], error) for other, error in zip(rivals[:RIVALS], left_by, strict=True) if error < np.inf),
         tied=tuple(
             other.effects[-1] for other in rivals
             if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0) and other.effects[-1].name != "unknown"

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
 
 from ident.campaign import Array
 from ident.fit import PARAMETERS, JointFit
-from ident.solve import CONFIDENCE, Combined, combine
+from ident.solve import Combined, combine, noise_allows
 
 _SHARED = ("K", "J_m")
 
@@ -68,7 +67,7 @@ def share(joint: str, fits: Sequence[JointFit]) -> SharedDrive:
         pick = np.array([0, 1, 2 + r])
         off = values[r] / scale[pick] - x[pick]
         misfit += float(off @ weight @ off)
-    agrees = dof == 0 or misfit <= float(chdtri(dof, 1.0 - CONFIDENCE))
+    agrees = dof == 0 or misfit <= noise_allows(dof)
     if not agrees:
         own = np.diag(covariances[:, 2, 2])
         return SharedDrive(joint, **combined, J_l=values[:, 2], covariance=own, chi2=misfit, dof=dof, agrees=False)

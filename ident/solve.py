@@ -127,7 +127,7 @@ def solve(
     left_out = np.divide(Q @ residual, np.diag(Q), out=np.zeros(M), where=checked)
     standardised = np.where(checked, left_out * np.sqrt(np.maximum(np.diag(Q), 0.0)), 0.0)
     dof = M - rank
-    agrees = bool(misfit <= chdtri(dof, 1.0 - CONFIDENCE)) if dof > 0 else True
+    agrees = dof == 0 or misfit <= noise_allows(dof)
     return Alpha(
         estimate.value, estimate.covariance, known, estimate.unseen, tuple(stages), residual, redundancy, left_out,
         standardised, misfit, dof, agrees, _status(known, of_alpha, misfit, dof, agrees),
@@ -147,6 +147,11 @@ def inertia_std(J_rows: ArrayLike, covariance: ArrayLike, unseen: ArrayLike | No
     return np.asarray(std)
 
 
+def noise_allows(dof: int) -> float:
+    """Returns the chi^2 of `dof` degrees of freedom that noise alone stays below with probability `CONFIDENCE`."""
+    return float(chdtri(dof, 1.0 - CONFIDENCE))
+
+
 def combine(values: ArrayLike, std: ArrayLike) -> Combined:
     """Returns the weighted mean of `values` [R] with standard deviations `std` [R] and whether they agree.
 
@@ -162,7 +167,7 @@ def combine(values: ArrayLike, std: ArrayLike) -> Combined:
     weight = 1.0 / s**2
     mean = float(weight @ x / weight.sum())
     misfit, dof = float(np.sum(((x - mean) / s) ** 2)), len(x) - 1
-    agrees = dof == 0 or misfit <= chdtri(dof, 1.0 - CONFIDENCE)
+    agrees = dof == 0 or misfit <= noise_allows(dof)
     inflation = 1.0 if agrees else np.sqrt(misfit / dof)
     spread = float(np.sqrt(weight @ (x - mean) ** 2 / weight.sum()))
     return Combined(mean, float(inflation / np.sqrt(weight.sum())), misfit, dof, bool(agrees), spread)
@@ -238,6 +243,6 @@ def _status(
     if not agrees:
         lines.append(
             f"the measurements disagree: chi2 {misfit:.3g} over {dof} degrees of freedom,"
-            f" noise allows {chdtri(dof, 1.0 - CONFIDENCE):.3g}"
+            f" noise allows {noise_allows(dof):.3g}"
         )
     return tuple(lines)
