@@ -28,12 +28,12 @@ RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "motor-quadratic-drag": {"drag": (0.03, 0.2)},
     "motor-hysteresis": {"level": (0.05, 0.3), "distance": (0.1, 0.6)},
     "motor-inertia": {"inertia": ("+-", 0.1, 0.4)},
-    "torque-ripple": {"amplitude": (0.02, 0.06), "order": ("one of", 1, 2, 3), "phase": ("+-", 0.1, 3.1)},
+    "torque-ripple": {"amplitude": (0.02, 0.06), "order": ("one of", 1, 2, 3, 4, 6), "phase": ("+-", 0.1, 3.1)},
     "torque-scale": {"error": ("+-", 0.03, 0.15)},
     "torque-offset": {"offset": ("+-", 0.1, 1.0)},
     "torque-lag": {"time": (3e-4, 2e-3)},
     "input-delay": {"time": (3e-4, 2e-3)},
-    "motor-coupling": {"ratio": ("+-", 0.03, 0.15), "step": ("one of", 1)},
+    "motor-coupling": {"ratio": ("+-", 0.03, 0.15), "step": ("one of", 1, 2)},
     "spring-damping": {"damping": (0.5, 4.0)},
     "spring-hardening": {"cubic": (0.03, 0.2)},
     "backlash": {"gap": (0.2, 1.0)},
@@ -41,18 +41,27 @@ RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "link-viscous": {"damping": (0.03, 0.2)},
     "link-coulomb": {"level": (0.03, 0.2)},
     "load-dependent-friction": {"share": (0.05, 0.3)},
-    "cable-stiffness": {"stiffness": (3e-4, 2e-3)},
+    "cable-stiffness": {"stiffness": (3e-4, 2e-3), "neutral": ("+-", 0.1, 1.0)},
     "payload": {"mass": (0.1, 0.5), "offset": (0.05, 0.2)},
-    "inertial-parameters": {"mass": ("+-", 0.05, 0.3)},
-    "gravity-stiffness": {"share": ("+-", 0.2, 0.6)},
+    "inertial-parameters": {"mass": ("+-", 0.05, 0.3), "aside": ("+-", 2e-3, 0.02)},
+    "gravity-stiffness": {"share": ("+-", 0.2, 0.6), "tilt_x": ("+-", 0.03, 0.3), "tilt_y": ("+-", 0.03, 0.3)},
     "joint-zero-offset": {"offset": ("+-", 0.03, 0.15)},
     "time-offset": {"time": ("+-", 3e-4, 2e-3)},
     "encoder-eccentricity": {"amplitude": (0.003, 0.03), "order": ("one of", 1, 2), "phase": ("+-", 0.1, 3.1)},
-    "locked-joint-elasticity": {"stiffness": (0.5, 2.0)},
-    "base-compliance": {"rock": (5.0, 40.0), "turn": (10.0, 80.0)},
-    "link-flexibility": {"stiffness": (1.0, 6.0), "share": (0.4, 0.8)},
-    "attached-resonator": {"inertia": (0.03, 0.2), "frequency": (10.0, 80.0)},
-    "change-between-records": {"stiffness": ("+-", 0.05, 0.2)},
+    "locked-joint-elasticity": {"stiffness": (0.5, 2.0), "damping": (5e-5, 2e-3)},
+    "base-compliance": {"rock": (5.0, 40.0), "turn": (10.0, 80.0), "own": (40.0, 600.0), "damping": (5e-5, 2e-3)},
+    "link-flexibility": {
+        "stiffness": (1.0, 6.0),
+        "share": (0.4, 0.8),
+        "damping": (5e-5, 2e-3),
+        "across": ("one of", 0, 1),
+    },
+    "attached-resonator": {"inertia": (0.03, 0.2), "frequency": (10.0, 80.0), "damping": (5e-5, 2e-3)},
+    "change-between-records": {
+        "stiffness": ("+-", 0.05, 0.2),
+        "damping": ("+-", 0.1, 0.5),
+        "inertia": ("+-", 0.03, 0.2),
+    },
 }
 #: All that can be drawn.
 KINDS = CATALOGUE | OUTSIDE
@@ -86,14 +95,15 @@ def draw(
     """An effect of the catalogue, or outside it, at a joint (from 0) that these `records` (from 1) excite, sizes as in `RANGES`."""
     cls, ranges = KINDS[name], (RANGES | OUTSIDE_RANGES)[name]
     at = None if cls.scope == ("arm",) else joint
-    if cls is MotorCoupling and joint == chain.n - 1:
-        at = joint - 1
     unit = scales["loaded" if name in LOADED else "link" if cls.port in ("structure", "sensor") else cls.port]
     share = scales["loaded"]["torque"] if name == "load-dependent-friction" else 1.0
     values = {}
     for p in cls.parameters:
         if p.name in ranges:
             values[p.name] = _drawn(rng, ranges[p.name]) * scale(p.relative, unit) * share
+    if cls is MotorCoupling:
+        values["step"] = min(values["step"], chain.n - 1)
+        at = min(joint, chain.n - 1 - int(values["step"]))
     if name == "change-between-records":
         between = range(min(records) + 1, max(records) + 1) or (
             2,
