@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,8 @@ SLACK = 1e-9
 #: A descent winds where a step does less than this share of what is promised undamped, though it is damped this little: there
 #: it follows the bend of the valley, found from a share of the step ahead, where that is less than so much of the step.
 WINDING, GENTLE, AHEAD, BEND = 0.1, 0.01, 0.1, 0.75
+#: Times its scale that what gives may get softer in a step, where other parameters change by one.
+SOFTER = 4.0
 #: Progress below this share of chi^2 ends the way to a model that is still doubted.
 ROUGHLY = 0.01
 #: Share of chi^2 to which it comes back when motions with dry friction, found in turns, are found again.
@@ -78,6 +81,12 @@ class Problem:
     def base(self) -> int:
         """The number of parameters of the elastic arm."""
         return 4 * self.n + self.D + self.r
+
+    @cached_property
+    def giving(self) -> NDArray[np.bool_]:
+        """Which parameters [P] are stiffnesses or frequencies of what gives: it is felt as their inverse."""
+        of_effects = [p.zero is None and (p.relative == "K" or p.unit == "Hz") for e in self.effects for p in e.parameters]
+        return np.array([False] * self.base + of_effects)
 
     def parameters(self, vector: Array) -> Parameters:
         return Parameters.of(vector[: self.base], self.n, self.D)
@@ -136,7 +145,7 @@ def minimise(
                 step = _step(problem, vector, slope, information, damping)
                 if winding and damping < GENTLE:
                     step = step + _bend(problem, vector, held, step, information, damping)
-                trial = np.clip(vector + problem.scale * step, problem.low, problem.high)
+                trial = _taken(problem, vector, step)
                 cost = chi_squared(problem, trial, held)
                 if cost <= chi2:
                     break
@@ -184,15 +193,25 @@ def _bend(
 
 
 def _step(problem: Problem, vector: Array, slope: Array, information: Array, damping: float) -> Array:
-    """Returns the damped step of the free parameters, no component beyond 1; what would leave its bounds stays there."""
+    """Returns the damped step of the free parameters, no component beyond 1, or `SOFTER`; what would leave its bounds stays there."""
     pressed = ((vector <= problem.low) & (slope > 0.0)) | ((vector >= problem.high) & (slope < 0.0))
     free = np.flatnonzero(problem.free & ~pressed)
     size = np.sqrt(np.diag(information)[free])
     size[size == 0.0] = 1.0
     matrix = information[np.ix_(free, free)] / size / size[:, None] + damping * np.eye(len(free))
     step = np.zeros(len(slope))
-    step[free] = np.clip(-np.linalg.solve(matrix, slope[free] / size) / size, -1.0, 1.0)
+    most = np.where(problem.giving, SOFTER, 1.0)[free]
+    step[free] = np.clip(-np.linalg.solve(matrix, slope[free] / size) / size, -most, 1.0)
     return step
+
+
+def _taken(problem: Problem, vector: Array, step: Array) -> Array:
+    """The parameters [P] after a step, within their bounds; what gets softer by as much as its compliance is to grow."""
+    change = problem.scale * step
+    softer = problem.giving & (change < 0.0)
+    after = vector + change
+    after[softer] = vector[softer] / (1.0 - change[softer] / vector[softer])
+    return np.asarray(np.clip(after, problem.low, problem.high))
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,9 @@ ORDERS, BEST_ORDERS, MORE = tuple(range(1, 101)), 2, 6
 SMALL = 1e-3
 #: Frequencies over the band, stiffnesses, and peaks of the residual at which something on a spring is looked for.
 FREQUENCIES, STIFFNESSES, PEAKS = 16, 6, 4
-#: Factors by which stiffnesses and frequencies of an impedance are moved from the best ones tried.
-NEARER = (1.5, 1.2)
+#: Factors by which stiffnesses and frequencies of an impedance are moved from the best ones tried: at first, and from then on.
+FAR = tuple(1.2**k for k in range(-8, 9) if k)
+NEAR = tuple(f for by in (1.07, 1.2, 1.5) for f in (by, 1.0 / by))
 #: Largest change from one record to the next from which a fit starts.
 CHANGE = 0.1
 #: A first-order size beyond these factors of the one tried says that another one is meant.
@@ -155,19 +156,20 @@ def best_of(lin: Linearised, kind: type[Effect], joint: int | None) -> Candidate
 
 def nearer(lin: Linearised, best: Candidate) -> Candidate:
     """The candidate or, of an impedance, one like it whose stiffnesses and frequencies promise more: a mode that is moved far is
-    found from near only."""
+    found from near only, so the first steps of each look far around."""
     kind, joint = type(best.effect), best.effect.joint
     shapes = [k for k, p in enumerate(kind.parameters) if p.zero is None and (p.relative == "K" or p.name == "frequency")]
-    if not only_impedance(best.effect) or not shapes:
+    if not only_impedance(best.effect):
         return best
     unit = units(lin, kind, joint)
-    for factor in NEARER:
-        before = 0.0
-        while best.gain > before:
-            before = best.gain
-            for k, by in product(shapes, (factor, 1.0 / factor)):
-                other = _possible(lin, best.effect.with_value(k, best.effect.values[k] * by), unit)
-                best = other if other is not None and other.gain > best.gain else best
+    steps: Sequence[float] = FAR
+    before = 0.0
+    while shapes and best.gain > before:
+        before = best.gain
+        for k in shapes:
+            others = (_possible(lin, best.effect.with_value(k, best.effect.values[k] * by), unit) for by in steps)
+            best = max([best, *(other for other in others if other is not None)], key=lambda c: c.gain)
+        steps = NEAR
     return best
 
 

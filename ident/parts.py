@@ -90,10 +90,11 @@ def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> 
 
 
 def split_lines(data: tuple[Evidence, ...], why: str) -> Split:
-    """Of every record two blocks of lines in four fit, one chooses, one reports."""
+    """Of every record two blocks of lines in four fit, one chooses, one reports: others of the next record, so that a narrow mode
+    beside one line is fitted somewhere."""
     note = f"{why}: fitting, choosing and reporting lines are blocks of each record by turns"
     fit, select, report = (
-        tuple(lines_of(one, np.isin(np.cumsum(one.is_excited) // BLOCK % 4, turns)) for one in data)
+        tuple(lines_of(one, np.isin((np.cumsum(one.is_excited) // BLOCK + one.index) % 4, turns)) for one in data)
         for turns in ((0, 2), (1,), (3,))
     )
     return Split(fit, select, report, note)

@@ -14,7 +14,7 @@ from ident.bench import simulate
 from ident.coupled import declared_start, problem_of
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.structure import LinkFlexibility
+from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from symgen.plan import chain_of_robot, make_model
@@ -56,7 +56,8 @@ def test_derivatives_by_the_arm_are_differences_whatever_acts(name: str) -> None
 
 def test_what_is_pressed_against_its_bound_is_left_there() -> None:
     """The others step as if it were not free: their steps together with it would lead elsewhere."""
-    problem = SimpleNamespace(low=np.array([0.0, -9.0]), high=np.array([9.0, 9.0]), free=np.array([True, True]))
+    every, none = np.array([True, True]), np.array([False, False])
+    problem = SimpleNamespace(low=np.array([0.0, -9.0]), high=np.array([9.0, 9.0]), free=every, giving=none)
     information, slope = np.array([[2.0, 1.9], [1.9, 2.0]]), np.array([0.4, 0.3])
     inside = _step(problem, np.array([1.0, 0.0]), slope, information, 0.0)  # type: ignore[arg-type]
     np.testing.assert_allclose(information @ inside, -slope)
@@ -64,6 +65,27 @@ def test_what_is_pressed_against_its_bound_is_left_there() -> None:
     np.testing.assert_allclose(pressed, [0.0, -0.15])
     away = _step(problem, np.array([0.0, 0.0]), -slope, information, 0.0)  # type: ignore[arg-type]
     np.testing.assert_allclose(away, -inside)
+
+
+def test_what_gives_is_found_from_where_it_is_hardly_felt() -> None:
+    """A base 200 times stiffer than it is, its own mode 10 times higher: a step of its stiffness is none of its compliance."""
+    robot = load_robot(ROOT / "robots/ypp3")
+    brief = replace(robot.experiment, f0=2.0, band=(2.0, 100.0), periods=3)
+    true = np.array([8e4, 2e5, 150.0, 2e-4])
+    cells = [("joint1", [0, 0.7, 0.5]), ("joint2", [0, 0.2, 1.2]), ("joint1", [0, 0.2, 1.2]), ("joint3", [0, 1.2, -1.0])]
+    chain = chain_of_robot(robot)
+    base = BaseCompliance(None, tuple(true.tolist()))
+    c = simulate(chain, replace(robot, experiment=brief), cells, effects=[base], workers=1)
+    model = make_model(chain, believe_zeros=True)
+    responses = tuple(estimate(record, c) for record in c.records)
+    basis = gravity_basis(model, c.gravity)
+    data = tuple(evidence(c, model, basis, frf, k, "every") for k, frf in enumerate(responses))
+    start = declared_start(c, model, responses, basis)
+    stiff = true * [1.0, 200.0, 10.0, 1.0]
+    limits = [(1e3, 1e9), (1e3, 1e9), (20.0, 1e4), (0.0, 0.01)]
+    problem = problem_of(c, model, basis, data, start, (base,), stiff.tolist(), limits)
+    found = minimise(problem, np.concatenate([start.vector(), stiff]), (), 2, 1e-4).vector[-4:]
+    np.testing.assert_allclose(found[:3], true[:3], rtol=0.1)
 
 
 @pytest.mark.bench
