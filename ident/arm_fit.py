@@ -85,7 +85,9 @@ class Problem:
     @cached_property
     def giving(self) -> NDArray[np.bool_]:
         """Which parameters [P] are stiffnesses or frequencies of what gives: it is felt as their inverse."""
-        of_effects = [p.zero is None and (p.relative == "K" or p.unit == "Hz") for e in self.effects for p in e.parameters]
+        of_effects = [
+            p.zero is None and (p.relative == "K" or p.unit == "Hz") for e in self.effects for p in e.parameters
+        ]
         return np.array([False] * self.base + of_effects)
 
     def parameters(self, vector: Array) -> Parameters:

@@ -158,7 +158,9 @@ def nearer(lin: Linearised, best: Candidate) -> Candidate:
     """The candidate or, of an impedance, one like it whose stiffnesses and frequencies promise more: a mode that is moved far is
     found from near only, so the first steps of each look far around."""
     kind, joint = type(best.effect), best.effect.joint
-    shapes = [k for k, p in enumerate(kind.parameters) if p.zero is None and (p.relative == "K" or p.name == "frequency")]
+    shapes = [
+        k for k, p in enumerate(kind.parameters) if p.zero is None and (p.relative == "K" or p.name == "frequency")
+    ]
     if not only_impedance(best.effect):
         return best
     unit = units(lin, kind, joint)

@@ -72,7 +72,12 @@ def test_what_gives_is_found_from_where_it_is_hardly_felt() -> None:
     robot = load_robot(ROOT / "robots/ypp3")
     brief = replace(robot.experiment, f0=2.0, band=(2.0, 100.0), periods=3)
     true = np.array([8e4, 2e5, 150.0, 2e-4])
-    cells = [("joint1", [0, 0.7, 0.5]), ("joint2", [0, 0.2, 1.2]), ("joint1", [0, 0.2, 1.2]), ("joint3", [0, 1.2, -1.0])]
+    cells = [
+        ("joint1", [0, 0.7, 0.5]),
+        ("joint2", [0, 0.2, 1.2]),
+        ("joint1", [0, 0.2, 1.2]),
+        ("joint3", [0, 1.2, -1.0]),
+    ]
     chain = chain_of_robot(robot)
     base = BaseCompliance(None, tuple(true.tolist()))
     c = simulate(chain, replace(robot, experiment=brief), cells, effects=[base], workers=1)
