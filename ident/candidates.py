@@ -139,7 +139,7 @@ def catalogue(lin: Linearised, taken: Sequence[Effect], workers: int = 1) -> lis
     there = {(e.name, e.joint) for e in taken}
     tasks: list[tuple[type[Effect], int | None]] = []
     for kind in CATALOGUE.values():
-        if not kind.injectable or (kind.declared and kind.shares is Effect.shares):
+        if not kind.injectable or not _in_fit(kind):
             continue
         places: list[int | None] = list(range(lin.problem.n)) if "joint" in kind.scope else []
         places += [None] if "arm" in kind.scope and lin.problem.n > 1 else []
@@ -147,6 +147,11 @@ def catalogue(lin: Linearised, taken: Sequence[Effect], workers: int = 1) -> lis
     lin.prepare()
     found = [c for c in forked(lambda task: best_of(lin, *task), tasks, workers) if c is not None]
     return sorted(found, key=lambda c: -c.gain)
+
+
+def _in_fit(kind: type[Effect]) -> bool:
+    """Whether the fitted arm has to be told of an effect: no number that it has of its own does the same."""
+    return not kind.declared or kind.shares is not Effect.shares or kind.impedance is not Effect.impedance
 
 
 def best_of(lin: Linearised, kind: type[Effect], joint: int | None) -> Candidate | None:
@@ -213,6 +218,9 @@ def _options(
     lin: Linearised, kind: type[Effect], joint: int | None, p: Parameter, unit: float, orders: int
 ) -> tuple[float, ...]:
     """Values of a parameter to try."""
+    if p.declared:
+        assert p.zero is not None
+        return (p.zero,)
     if p.name == "phase":
         return (0.0,)
     if p.name == "order":
@@ -273,7 +281,7 @@ def _orders(lin: Linearised, kind: type[Effect], joint: int, most: int) -> tuple
 def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequence[str]) -> Candidate | None:
     """The effect with the sizes that fit best to first order, shapes kept; None where none fits within the bounds."""
     kind, values = type(effect), list(effect.values)
-    sizes = [k for k, p in enumerate(kind.parameters) if p.zero is not None]
+    sizes = [k for k, p in enumerate(kind.parameters) if p.zero is not None and not p.declared]
     columns, moved = [], []
     if "phase" in names and "amplitude" in names:
         a, f = names.index("amplitude"), names.index("phase")

@@ -42,6 +42,24 @@ def contradicted(bench: Bench, state: State) -> tuple[Off, ...]:
     return tuple(reversed(result))
 
 
+def merged(bench: Bench, state: State, off: Sequence[Off]) -> tuple[State, tuple[Off, ...]]:
+    """The model, those declared numbers that one of its effects has, too, as values of that effect; and the others."""
+    vector, others, k = state.minimum.vector.copy(), list(off), state.problem.base
+    for effect in state.effects:
+        for one in [o for o in others if (o.deviation.name, o.deviation.joint) == (effect.name, effect.joint)]:
+            told = {name: value for name, value, *_ in one.deviation.values}
+            places = {k + j: told[p.name] for j, p in enumerate(effect.parameters) if p.declared and p.name in told}
+            vector[list(places)] = list(places.values())
+            others.remove(one)
+        k += len(effect.values)
+    effects = state.problem.effects_at(vector)
+    problem = bench.problem(state.problem.data, effects, state.scales, state.limits)
+    problem = replace(problem, slid=state.problem.slid)
+    return replace(state, effects=effects, problem=problem, minimum=replace(state.minimum, vector=vector)), tuple(
+        others
+    )
+
+
 def _kept(bench: Bench, state: State, declared: Sequence[Deviation]) -> State:
     """The model refitted with these numbers as declared."""
     problem, vector = state.problem, state.minimum.vector.copy()

@@ -15,7 +15,7 @@ import numpy as np
 from ident.added import Added, pruned, renamed, was_named
 from ident.arm_fit import spectrum
 from ident.campaign import Campaign
-from ident.contradicted import Off, contradicted
+from ident.contradicted import Off, contradicted, merged
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, departures, errors, groups
 from ident.effects.base import Effect
@@ -55,6 +55,7 @@ from ident.trials import (
     explains,
     hasty,
     is_curve,
+    outshines,
     polished,
     resting,
     winds_up,
@@ -148,14 +149,18 @@ class Begun:
             if _left(*by_lines, other) < _left(bench, start, state):
                 (bench, start), state, added = by_lines, other, more
                 left = _left_over(bench, start, state, added)
-        off = () if left else contradicted(bench, state)
-        found, state = state, settled(bench, state)
+        found, contradictions = state, () if left else contradicted(bench, state)
+        state, off = merged(bench, state, contradictions)
+        state = settled(bench, state)
         start = state if found is start else start
         before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
         if added:
             added[-1] = replace(added[-1], after=after.all)
         final = tuple(
-            replace(a, effect=e, std=_std(state, e)) for e in state.effects for a in added if same(a.effect, e)
+            replace(a, effect=e, std=_std(state, e, contradictions))
+            for e in state.effects
+            for a in added
+            if same(a.effect, e)
         )
         if off:
             before = errors(bench, off[0].without, bench.split.report) if not final else before
@@ -299,7 +304,7 @@ def _best(
             continue
         leader = at_minimum(bench, one, progress)
         tried = [leader if other is one else other for other in tried]
-        if explains(bench, leader[1], first):
+        if explains(bench, leader[1], first) or outshines(bench, leader, first):
             return leader, tried
     tried = polished(bench, tried, first, progress)
     best = chosen(bench, tried, state.select)
@@ -318,14 +323,17 @@ def _error(bench: Bench, state: State) -> float:
         return float(np.inf)
 
 
-def _std(state: State, effect: Effect) -> tuple[float, ...]:
-    """Standard deviations of an effect's values."""
+def _std(state: State, effect: Effect, off: Sequence[Off]) -> tuple[float, ...]:
+    """Standard deviations of an effect's values; of those that are declared numbers, too, what these are `off` by tells them."""
     values, vectors, seen = spectrum(state.minimum.information)
     lifted = np.where(seen, values, np.inf)
     deviation = np.sqrt(np.einsum("ik,k,ik->i", vectors, 1.0 / lifted, vectors)) * state.problem.scale
+    ours = [o.deviation for o in off if (o.deviation.name, o.deviation.joint) == (effect.name, effect.joint)]
+    told = {name: std for one in ours for name, _, std, _ in one.values}
     k = state.problem.base
     for e in state.effects:
         if same(e, effect):
-            return tuple(deviation[k : k + len(e.values)].tolist())
+            own = deviation[k : k + len(e.values)].tolist()
+            return tuple(told.get(p.name, std) if p.declared else std for p, std in zip(e.parameters, own, strict=True))
         k += len(e.values)
     return ()

@@ -62,13 +62,13 @@ def settled(bench: Bench, state: State) -> State:
 
 
 def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
-    """The model that fits best of those from these starts, or the first that leaves nothing."""
+    """The model that fits best of those from these starts, hastily compared, or the first that leaves nothing."""
     found = []
-    for state in all_fitted(bench, starts):
+    for state in all_fitted(bench, [replace(one, outer=1, roughly=HASTILY) for one in starts]):
         found.append(state)
         if excess(bench, state) <= NAMED:
             break
-    return min(found, key=lambda other: other.minimum.chi2)
+    return fitted(bench, Refit.of(min(found, key=lambda other: other.minimum.chi2)))
 
 
 def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:

@@ -48,7 +48,7 @@ class Bench:
         turns: int = TURNS,
     ) -> Problem:  # fmt: skip
         problem = problem_of(self.campaign, self.model, self.basis, data, self.guess, effects, scales, limits)
-        held = [p.whole or _drawn_again(e, effects) for e in effects for p in e.parameters]
+        held = [p.whole or p.declared or _drawn_again(e, effects) for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(held, dtype=bool)
         drawn = np.array([isinstance(e, Learned) for e in effects for _ in e.values], dtype=bool)

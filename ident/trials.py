@@ -198,6 +198,13 @@ def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
     return None if explains(bench, order[0][1], first, CLOSE**2) else order[0]
 
 
+def outshines(bench: Bench, one: Tried, first: float) -> bool:
+    """Whether an impedance that is far ahead leaves so little of `first`, as in `explains`, that what is left is another effect's:
+    no curve does what it does."""
+    dof = degrees(bench.split.select)
+    return only_impedance(one[0].effect) and one[1].select - dof < ENOUGH * (first - dof)
+
+
 def at_minimum(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
     """A candidate that is far ahead, at its minimum."""
     state = fully(bench, _otherwise(bench, one[1], progress))

@@ -33,7 +33,8 @@ class Parameter:
 
     `linear`: the effect's force is proportional to it. `zero`: its value where the effect vanishes, None for a shape
     parameter (a frequency, a phase), which has none. `relative` names what `low`, `high` and `sizes` are shares of, see
-    `scale`: a size fits a watch and a crane then. A `whole` number is one of `sizes`, or another, and never refined.
+    `scale`: a size fits a watch and a crane then. A `whole` number is one of `sizes`, or another, and never refined. What
+    is `declared` is a number that the fitted arm has of its own: it is told by that, the effect's stays where it vanishes.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Parameter:
     zero: float | None = 0.0
     relative: str = ""
     whole: bool = False
+    declared: bool = False
 
 
 #: What a parameter may be relative to, at the effect's port and joint: rms "torque", "angle" and "rate", the spring's "K",

@@ -8,7 +8,8 @@ from typing import final
 
 import numpy as np
 
-from ident.effects.base import Arm, Array, Effect, Parameter
+from ident.effects.base import Arm, Array, Complex, Effect, Known, Parameter
+from ident.effects.impedance import inertia_and_weight
 from symgen.chain import Inertia, skew
 from symgen.robot import Drive
 
@@ -103,15 +104,27 @@ class GravityStiffness(Effect):
 
     name, port, declared, scope = "gravity-stiffness", "link", True, ("arm",)
     parameters = (
-        Parameter("share", "", -1.0, 1.0, (0.1, -0.1)),
+        Parameter("share", "", -1.0, 1.0, (0.1, -0.1), declared=True),
         Parameter("tilt_x", "rad", -np.pi, np.pi, (0.0, 0.2)),
         Parameter("tilt_y", "rad", -np.pi, np.pi, (0.0, 0.2)),
     )
 
     def arm(self, arm: Arm, record: int) -> Arm:
+        return replace(arm, gravity=self._pulls(arm.gravity))
+
+    def impedance(self, s: Complex, arm: Known) -> Complex | None:
+        """What the declared links weigh more in a tilted base; how strong gravity is, the fitted arm tells by itself."""
+        if arm.chain is None or arm.gravity is None:
+            return None
+        now, untilted = self._pulls(arm.gravity), (1.0 + self["share"]) * arm.gravity
+        n = len(arm.N)
+        result = np.zeros((len(s), 2 * n, 2 * n), dtype=complex)
+        result[:, n:, n:] = inertia_and_weight(arm.chain, arm.posture, now - untilted)[1]
+        return result
+
+    def _pulls(self, gravity: Array) -> Array:
         share, x, y = self.values
-        gravity: Array = (1.0 + share) * _turned(np.array([x, y, 0.0]), np.asarray(arm.gravity, dtype=float))
-        return replace(arm, gravity=gravity)
+        return np.asarray((1.0 + share) * _turned(np.array([x, y, 0.0]), np.asarray(gravity, dtype=float)))
 
 
 def _turned(by: Array, v: Array) -> Array:

@@ -106,6 +106,17 @@ def test_a_declared_number_that_is_off_is_named(model: Model, text: str, name: s
 
 
 @pytest.mark.bench
+def test_a_tilted_base_is_told_with_how_strong_gravity_is(model: Model) -> None:
+    """The fitted arm is free to be heavier, not to hang aside; together they are one effect."""
+    found = diagnosed(model, "gravity-stiffness:share=-0.2,tilt_x=0.15,tilt_y=-0.1")
+    (added,) = found.added
+    assert added.effect.name == "gravity-stiffness" and not found.off
+    off = np.abs(np.array(added.effect.values) - [-0.2, 0.15, -0.1])
+    assert np.all(off < 5.0 * np.array(added.std)) and max(added.std) < 0.02
+    assert found.after.all < 1.1 * found.after.noise
+
+
+@pytest.mark.bench
 def test_a_load_is_told_beside_a_link_that_bends(model: Model) -> None:
     found = diagnosed(model, "link-flexibility:stiffness=9000@joint3", "payload:mass=0.6,offset=0.15")
     assert [(e.name, e.joint) for e in found.end.effects] == [("link-flexibility", 2)]

@@ -130,6 +130,15 @@ def test_the_fit_is_exact_where_torque_and_angle_arrive_otherwise_or_a_link_bend
     assert np.linalg.norm(left) < 1e-5 * np.linalg.norm(theta)
 
 
+def test_in_a_tilted_base_the_declared_links_weigh_aside() -> None:
+    effect = parse("gravity-stiffness:share=0,tilt_x=0.2,tilt_y=-0.1", QUIET.drives)
+    c = run([effect], 2)
+    left, theta = unexplained(effect, c)
+    upright, _ = unexplained(effect.with_values([0.0, 0.0, 0.0]), c)
+    assert np.linalg.norm(upright) > 1e-3 * np.linalg.norm(theta), "it shows"
+    assert np.linalg.norm(left) < 1e-5 * np.linalg.norm(theta)
+
+
 @pytest.mark.parametrize(
     ("text", "joint", "lock", "left_of_it"),
     [
