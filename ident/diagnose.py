@@ -23,9 +23,10 @@ from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.forked import forked
 from ident.frf import Frf, estimate
-from ident.minima import NAMED, afresh, elsewhere, fully, settled, since
+from ident.minima import NAMED, afresh, elsewhere, fully, settled, since, told
 from ident.parts import Split, degrees, sampled, split, split_lines
 from ident.refits import (
+    BY_ALL,
     FEW_SAMPLES,
     FEW_TURNS,
     FINELY,
@@ -66,6 +67,8 @@ from symgen.plan import Model
 MOST_EFFECTS = 4
 #: Rivals whose errors are told.
 RIVALS = 3
+#: Share of chi^2 on the fitting records that one of two leaves which are looked for together.
+LEADS = 0.5
 #: A learned curve needs this share of all that was in excess to be added.
 CURVE_SHARE = 0.05
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
@@ -212,8 +215,8 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         step = _round(bench, state, start.select, progress, little)
         if step is None:
             break
-        state, entry = step
-        added.append(entry)
+        state, more = step
+        added += more
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
         state, added = pruned(bench, state, added, progress)
@@ -253,11 +256,46 @@ def _departs(bench: Bench, state: State) -> bool:
 
 def _round(
     bench: Bench, state: State, first: float, progress: Callable[[str], None], little: bool
-) -> tuple[State, Added] | None:
-    """The model with one effect more, if any earns it; `first` is chi^2 on the choosing records before any was added. Where
-    `little` is left, only of those that promise most of it."""
+) -> tuple[State, list[Added]] | None:
+    """The model with one effect more, if any earns it, or two that do together; `first` is chi^2 on the choosing records before
+    any was added. Where `little` is left, only of those that promise most of it."""
     lin = linearised(state.problem, state.minimum.vector)
     best, tried = _best(bench, state, lin, first, progress, little)
+    one = _entered(bench, state, best, tried, lin, first)
+    if one is not None:
+        return one[0], [one[1]]
+    if little or excess(bench, state) < BY_ALL:
+        return None
+    return _pair(bench, state, tried, lin, first, progress)
+
+
+def _pair(
+    bench: Bench, state: State, tried: Sequence[Tried], lin: Linearised, first: float, progress: Callable[[str], None]
+) -> tuple[State, list[Added]] | None:
+    """The model with two effects more, the first of which, of all that were tried, explains most of the records that fit: what is
+    missing besides may bend the others."""
+    leader = min((one for one in tried if not is_curve(one)), key=lambda one: one[1].minimum.chi2, default=None)
+    if leader is None or leader[1].minimum.chi2 > LEADS * state.minimum.chi2:
+        return None
+    lead = leader[1]
+    progress(f"  none alone; with {told(lead.effects[-1])}:")
+    there = linearised(lead.problem, lead.minimum.vector)
+    second, more = _best(bench, lead, there, first, progress, False)
+    two = _entered(bench, lead, second, more, there, first)
+    if two is None or not earned(bench, state, two[0], first):
+        return None
+    new, entry = two
+    alone = without(bench, new, lead.effects[-1])
+    if not earned(bench, alone, new, first):
+        return None
+    gain, found = alone.select - new.select, new.effects[-2]
+    return new, [_told(bench, state, lead, gain, tried, lin, found), entry]
+
+
+def _entered(
+    bench: Bench, state: State, best: Tried | None, tried: Sequence[Tried], lin: Linearised, first: float
+) -> tuple[State, Added] | None:
+    """The model with the best candidate, if it earns its place; `first` as in `_round`."""
     if best is None:
         return None
     new = since(bench, best[1])
@@ -266,21 +304,29 @@ def _round(
     if hastily and new.select >= AHEAD * less.select:
         less = without(bench, new, new.effects[-1])
     state = less if less.select < state.select else state  # what is gained by a better fit is no gain of the effect
-    dof = degrees(bench.split.select)
-    gain, before = state.select - new.select, max(state.select - dof, 1.0)
+    gain = state.select - new.select
     if not earned(bench, state, new, first) or (is_curve(best) and gain < CURVE_SHARE * first):
         return None
-    others = [pair for pair in tried if pair[0].key != best[0].key and np.isfinite(pair[1].select)]
+    return new, _told(bench, state, new, gain, tried, lin, new.effects[-1])
+
+
+def _told(
+    bench: Bench, state: State, new: State, gain: float, tried: Sequence[Tried], lin: Linearised, effect: Effect
+) -> Added:
+    """The entry of an `effect` that makes of a model the `new` one, its rivals those that were `tried` beside it."""
+    dof, last = degrees(bench.split.select), new.effects[-1]
+    key = last.name, last.joint, last.port
+    others = [pair for pair in tried if pair[0].key != key and np.isfinite(pair[1].select)]
     rivals = sorted((other for _, other in others), key=lambda other: other.select)
     left_by = list(forked(lambda other: _error(bench, other), rivals[:RIVALS], bench.workers))
     report = bench.split.report
-    entry = Added(
-        effect=new.effects[-1],
+    return Added(
+        effect=effect,
         std=(),
         before=errors(bench, state, report).all,
         after=errors(bench, new, report).all,
         gain=gain,
-        excess=before,
+        excess=max(state.select - dof, 1.0),
         rivals=tuple((other.effects[-1], error) for other, error in zip(rivals[:RIVALS], left_by, strict=True) if error < np.inf),
         tied=tuple(
             other.effects[-1] for other in rivals
@@ -288,7 +334,6 @@ def _round(
         ),
         port_shares=port_shares(lin),
     )  # fmt: skip
-    return new, entry
 
 
 def _best(

@@ -73,7 +73,7 @@ def fewer(found: Diagnosis) -> Array:
 @pytest.mark.parametrize(
     ("text", "name", "joint", "values"),
     [
-        ("torque-lag:time=0.0008@joint3", "torque-lag", 2, [0.0008]),
+        pytest.param("torque-lag:time=0.0008@joint3", "torque-lag", 2, [0.0008], marks=pytest.mark.bench),
         pytest.param("link-viscous:damping=0.3@joint2", "link-viscous", 1, [0.3], marks=pytest.mark.bench),
         pytest.param("motor-coulomb:level=0.001@joint2", "motor-coulomb", 1, [0.001], marks=pytest.mark.bench),
     ],
