@@ -63,6 +63,8 @@ RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
         "inertia": ("+-", 0.03, 0.2),
     },
 }
+#: Ripple of higher orders is so much smaller that it is no steeper: it would outweigh the hold.
+STEEP = 3.0
 #: All that can be drawn.
 KINDS = CATALOGUE | OUTSIDE
 #: Seen only by a motor that gives a constant torque; a shift of rest that no line shows.
@@ -101,6 +103,8 @@ def draw(
     for p in cls.parameters:
         if p.name in ranges:
             values[p.name] = _drawn(rng, ranges[p.name]) * scale(p.relative, unit) * share
+    if name == "torque-ripple":
+        values["amplitude"] *= min(1.0, STEEP / values["order"])
     if cls is MotorCoupling:
         values["step"] = min(values["step"], chain.n - 1)
         at = min(joint, chain.n - 1 - int(values["step"]))

@@ -171,7 +171,7 @@ def _two(case: Case, cache_directory: Path) -> tuple[Drawn, Campaign]:
         parts = [single(one, cache_directory) for one in pairs[k]]
         effects = tuple(part.effects[0] for part in parts)
         a, b = effects
-        if a.name == b.name or (b.name in never_told_apart(a.name, a.joint, n) and a.joint == b.joint):
+        if a.name == b.name or _one_body(a, b, n) or (b.name in never_told_apart(a.name, a.joint, n) and a.joint == b.joint):
             continue
         try:
             campaign = measured(case, effects)
@@ -179,6 +179,12 @@ def _two(case: Case, cache_directory: Path) -> tuple[Drawn, Campaign]:
             continue
         return Drawn(effects, min(p.refitted for p in parts), min(p.declared for p in parts), draws), campaign
     raise ExperimentError(f"{case.id}: {DRAWS} pairs and none that leaves the arm standing")
+
+
+def _one_body(a: Effect, b: Effect, n: int) -> bool:
+    """Whether two effects only make another body of the last link: a load, and one that is not as declared."""
+    last = {(e.name, e.joint) for e in (a, b)}
+    return last == {("payload", None), ("inertial-parameters", n - 1)}
 
 
 def single(case: Case, cache_directory: Path) -> Drawn:
