@@ -171,7 +171,11 @@ def _two(case: Case, cache_directory: Path) -> tuple[Drawn, Campaign]:
         parts = [single(one, cache_directory) for one in pairs[k]]
         effects = tuple(part.effects[0] for part in parts)
         a, b = effects
-        if a.name == b.name or _one_body(a, b, n) or (b.name in never_told_apart(a.name, a.joint, n) and a.joint == b.joint):
+        if (
+            a.name == b.name
+            or _one_body(a, b, n)
+            or (b.name in never_told_apart(a.name, a.joint, n) and a.joint == b.joint)
+        ):
             continue
         try:
             campaign = measured(case, effects)
