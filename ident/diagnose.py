@@ -369,7 +369,7 @@ def _error(bench: Bench, state: State) -> float:
 
 
 def _std(state: State, effect: Effect, off: Sequence[Off]) -> tuple[float, ...]:
-    """Standard deviations of an effect's values; of those that are declared numbers, too, what these are `off` by tells them."""
+    """Standard deviations of an effect's values; of those that are declared numbers, too, what these are `off` by tells them, 0: as declared."""
     values, vectors, seen = spectrum(state.minimum.information)
     lifted = np.where(seen, values, np.inf)
     deviation = np.sqrt(np.einsum("ik,k,ik->i", vectors, 1.0 / lifted, vectors)) * state.problem.scale
@@ -379,6 +379,6 @@ def _std(state: State, effect: Effect, off: Sequence[Off]) -> tuple[float, ...]:
     for e in state.effects:
         if same(e, effect):
             own = deviation[k : k + len(e.values)].tolist()
-            return tuple(told.get(p.name, std) if p.declared else std for p, std in zip(e.parameters, own, strict=True))
+            return tuple(told.get(p.name, 0.0) if p.declared else std for p, std in zip(e.parameters, own, strict=True))
         k += len(e.values)
     return ()

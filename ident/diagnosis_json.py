@@ -178,7 +178,11 @@ def _declared(d: Diagnosis) -> dict[str, Any]:
 def _parameters(effect: Effect, std: Sequence[float]) -> dict[str, Any]:
     deviations = std or (float("nan"),) * len(effect.values)
     return {
-        p.name: {"value": value, "std": None if p.whole else deviation, "unit": p.unit}
+        p.name: {
+            "value": value,
+            "std": None if p.whole or (p.declared and not deviation) else deviation,
+            "unit": p.unit,
+        }
         for p, value, deviation in zip(effect.parameters, effect.values, deviations, strict=True)
     }
 
