@@ -84,7 +84,7 @@ def meaning(effect: dict[str, Any]) -> str:
         curve = effect.get("curve", {})
         return f"A torque that no law of the catalogue describes, learned from the records as a curve of {curve.get('variable', 'its port')}."
     found = CATALOGUE.get(effect["name"])
-    return (inspect.getdoc(found) or "").split("\n\n")[0] if found else ""
+    return (inspect.getdoc(found) or "").split("\n\n")[0].replace("`", "") if found else ""
 
 
 def todo(verdict: dict[str, Any]) -> list[str]:
