@@ -1,7 +1,7 @@
-"""Maximum likelihood for a whole arm over all its records: residual theta - G tau of every motor, whitened, minimised.
+"""Maximum likelihood for a whole arm over all its records: residual theta - G tau of every motor, whitened, its chi^2.
 
-Levenberg-Marquardt with analytic derivatives of the elastic arm, numerical ones of the few parameters of effects; the
-weights, which depend on G, are made again until nothing changes (R. Pintelon, J. Schoukens, System Identification: A
+Derivatives are analytic for the elastic arm, numerical for the few parameters of effects; the weights, which depend on G, are
+held in a descent (`descent`) and made again until nothing changes (R. Pintelon, J. Schoukens, System Identification: A
 Frequency Domain Approach, 2nd ed., Wiley 2012, chapters 9 and 12).
 """
 
@@ -25,20 +25,6 @@ from ident.scene import Scene, in_record, known, linear_extra
 from ident.smoothing import smoothed
 from ident.whitening import Powers, noise_powers, whitening
 
-#: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
-SMALL_STEP = 0.01
-OUTER, INNER, TRIALS, FEW = 6, 30, 8, 10
-#: Damping with which a step is promised that would be taken next, were it the last: along a valley the damped ones are short.
-SLACK = 1e-9
-#: A descent winds where a step does less than this share of what is promised undamped, though it is damped this little: there
-#: it follows the bend of the valley, found from a share of the step ahead, where that is less than so much of the step.
-WINDING, GENTLE, AHEAD, BEND = 0.1, 0.01, 0.1, 0.75
-#: Times its scale that what gives may get softer in a step, where other parameters change by one.
-SOFTER = 4.0
-#: Progress below this share of chi^2 ends the way to a model that is still doubted.
-ROUGHLY = 0.01
-#: Share of chi^2 to which it comes back when motions with dry friction, found in turns, are found again.
-TURNED = 1e-3
 #: A direction of the parameters with less information than this was not seen: its deviation is over ten times its size.
 UNSEEN_INFORMATION = 1e-2
 #: Relative rounding error of an information matrix.
@@ -108,112 +94,11 @@ class Problem:
         return one.scene if q is one.scene.posture else replace(one.scene, arm=self.posture_of(one, q), posture=q)
 
 
-@dataclass(frozen=True)
-class Minimum:
-    """Where a fit ended: `vector` [P], `information` [P, P] per step of `scale` there, chi^2, whether it converged, and where
-    dry friction was found, by record."""
-
-    vector: Array
-    information: Array
-    chi2: float
-    converged: bool
-    slid: Slides = field(default_factory=dict)
-
-
 def scale_of(start: Parameters) -> Array:
     """Returns what a large step is [P]: a factor e of a drive, the size of an alpha or first moment (1 % of the largest)."""
     drives = np.ones(4 * len(start.K))
     sizes = [np.maximum(np.abs(x), 1e-2 * np.abs(x).max(initial=1e-9)) for x in (start.alpha, start.gravity)]
     return np.concatenate([drives, *sizes])
-
-
-def minimise(
-    problem: Problem, vector: Array, doubts: Sequence[float] = (), outer: int = OUTER, roughly: float = 0.0
-) -> Minimum:
-    """Levenberg-Marquardt, weights made anew at every minimum until that moves nothing; first with `doubts`.
-
-    `roughly` ends each descent where chi^2 falls by less than this share, or after `FEW` steps, and all of it where one
-    changes chi^2 by less.
-    """
-    converged, winding, damping, chi2, last = False, False, 1e-3, np.inf, np.inf
-    information = np.zeros((len(vector), len(vector)))
-    for doubt in (*doubts, *[0.0] * outer):
-        held = hold(problem, vector, doubt)
-        problem = replace(problem, slid=slides(problem, held))
-        chi2, slope, information = normal_equations(problem, vector, held)
-        begin, settled, damping = vector, False, min(damping, 1e-3)
-        for _ in range(FEW if roughly else INNER):
-            for refused in range(TRIALS):
-                step = _step(problem, vector, slope, information, damping)
-                if winding and damping < GENTLE:
-                    step = step + _bend(problem, vector, held, step, information, damping)
-                trial = _taken(problem, vector, step)
-                cost = chi_squared(problem, trial, held)
-                if cost <= chi2:
-                    break
-                damping *= 5.0
-            else:
-                settled = bool(-step @ slope < SMALL_STEP)
-                break
-            if not (winding and refused):
-                damping = max(damping / 5.0, 1e-12)
-            vector, moved, before = trial, float(step @ information @ step), chi2
-            chi2, slope, information = normal_equations(problem, vector, held)
-            little = max(ROUGHLY if doubt else 0.0, roughly) * before
-            promised = float(-_step(problem, vector, slope, information, SLACK) @ slope)
-            winding = winding or before - chi2 < WINDING * promised
-            if (moved < SMALL_STEP**2 and promised < SMALL_STEP) or max(before - chi2, promised) < little:
-                settled = True
-                break
-        shift = (vector - begin) / problem.scale
-        small = shift @ information @ shift < (10.0 * SMALL_STEP) ** 2
-        same = max(roughly, TURNED if problem.slid else 0.0)
-        if not doubt and settled and (small or abs(last - chi2) < same * chi2):
-            converged = True
-            break
-        last = np.inf if doubt else chi2
-    return Minimum(vector, information, chi2, converged, problem.slid)
-
-
-def _bend(
-    problem: Problem, vector: Array, held: Sequence[Held], step: Array, information: Array, damping: float
-) -> Array:
-    """Returns what the curvature of the residuals along a step adds to it [P], half its geodesic acceleration
-    (doi:10.48550/arXiv.1201.5885); nothing where that is no small part of the step."""
-    pushed = np.zeros(len(vector))
-    ahead = vector + AHEAD * problem.scale * step
-    with np.errstate(all="ignore"):  # a bend beyond numbers is none
-        for one, kept in zip(problem.data, held, strict=True):
-            white, A, columns = _whitened(problem, vector, one, kept)
-            r = residual(problem, ahead, one, kept.moved, judged=True)[0]
-            there = (kept.W[one.use] @ r[..., None]).ravel()
-            curved = 2.0 / AHEAD * ((there - white) / AHEAD - A @ step[columns])
-            pushed[columns] += 2.0 * (A.conj().T @ curved).real
-        bend, size = 0.5 * _step(problem, vector, pushed, information, damping), np.sqrt(np.diag(information))
-        small = np.linalg.norm(size * bend) < BEND * np.linalg.norm(size * step)
-    return bend if small else np.zeros_like(bend)
-
-
-def _step(problem: Problem, vector: Array, slope: Array, information: Array, damping: float) -> Array:
-    """Returns the damped step of the free parameters, no component beyond 1, or `SOFTER`; what would leave its bounds stays there."""
-    pressed = ((vector <= problem.low) & (slope > 0.0)) | ((vector >= problem.high) & (slope < 0.0))
-    free = np.flatnonzero(problem.free & ~pressed)
-    size = np.sqrt(np.diag(information)[free])
-    size[size == 0.0] = 1.0
-    matrix = information[np.ix_(free, free)] / size / size[:, None] + damping * np.eye(len(free))
-    step = np.zeros(len(slope))
-    most = np.where(problem.giving, SOFTER, 1.0)[free]
-    step[free] = np.clip(-np.linalg.solve(matrix, slope[free] / size) / size, -most, 1.0)
-    return step
-
-
-def _taken(problem: Problem, vector: Array, step: Array) -> Array:
-    """The parameters [P] after a step, within their bounds; what gets softer by as much as its compliance is to grow."""
-    change = problem.scale * step
-    softer = problem.giving & (change < 0.0)
-    after = vector + change
-    after[softer] = vector[softer] / (1.0 - change[softer] / vector[softer])
-    return np.asarray(np.clip(after, problem.low, problem.high))
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,7 +263,7 @@ def normal_equations(problem: Problem, vector: Array, held: Sequence[Held]) -> t
     """Returns chi^2, half its gradient [P] and half its Gauss-Newton Hessian [P, P] per step of `scale`: the information."""
     chi2, slope, information = _unexpected(problem, vector)
     for one, kept in zip(problem.data, held, strict=True):
-        white, A, columns = _whitened(problem, vector, one, kept)
+        white, A, columns = whitened(problem, vector, one, kept)
         chi2 += 2.0 * float(np.vdot(white, white).real)
         slope[columns] += 2.0 * (A.conj().T @ white).real
         real = np.concatenate([A.real, A.imag])
@@ -386,7 +271,7 @@ def normal_equations(problem: Problem, vector: Array, held: Sequence[Held]) -> t
     return chi2, slope, information
 
 
-def _whitened(problem: Problem, vector: Array, one: Evidence, kept: Held) -> tuple[Complex, Complex, NDArray[np.int64]]:
+def whitened(problem: Problem, vector: Array, one: Evidence, kept: Held) -> tuple[Complex, Complex, NDArray[np.int64]]:
     """Returns the whitened residual of a record [L m], its derivatives [L m, C] per step of `scale`, and their parameters [C]."""
     r, slopes, columns = residual(problem, vector, one, kept.moved, derive=True, judged=True)
     W = kept.W[one.use]

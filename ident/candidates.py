@@ -166,12 +166,12 @@ def nearer(lin: Linearised, best: Candidate) -> Candidate:
     shapes = [
         k for k, p in enumerate(kind.parameters) if p.zero is None and (p.relative == "K" or p.name == "frequency")
     ]
-    if not only_impedance(best.effect):
+    if not only_impedance(best.effect) or not shapes:
         return best
     unit = units(lin, kind, joint)
     steps: Sequence[float] = FAR
     before = 0.0
-    while shapes and best.gain > before:
+    while best.gain > before:
         before = best.gain
         for k in shapes:
             others = (_possible(lin, best.effect.with_value(k, best.effect.values[k] * by), unit) for by in steps)

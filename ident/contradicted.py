@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ident.arm_fit import chi_squared, hold, minimise
+from ident.arm_fit import chi_squared, hold
 from ident.departures import errors
+from ident.descent import minimise
 from ident.deviations import Deviation, deviations
+from ident.effects.base import Effect
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
 from ident.refits import FINELY, Bench, State
@@ -46,7 +48,7 @@ def merged(bench: Bench, state: State, off: Sequence[Off]) -> tuple[State, tuple
     """The model, those declared numbers that one of its effects has, too, as values of that effect; and the others."""
     vector, others, k = state.minimum.vector.copy(), list(off), state.problem.base
     for effect in state.effects:
-        for one in [o for o in others if (o.deviation.name, o.deviation.joint) == (effect.name, effect.joint)]:
+        for one in of_effect(others, effect):
             told = {name: value for name, value, *_ in one.deviation.values}
             places = {k + j: told[p.name] for j, p in enumerate(effect.parameters) if p.declared and p.name in told}
             vector[list(places)] = list(places.values())
@@ -55,9 +57,13 @@ def merged(bench: Bench, state: State, off: Sequence[Off]) -> tuple[State, tuple
     effects = state.problem.effects_at(vector)
     problem = bench.problem(state.problem.data, effects, state.scales, state.limits)
     problem = replace(problem, slid=state.problem.slid)
-    return replace(state, effects=effects, problem=problem, minimum=replace(state.minimum, vector=vector)), tuple(
-        others
-    )
+    minimum = replace(state.minimum, vector=vector)
+    return replace(state, effects=effects, problem=problem, minimum=minimum), tuple(others)
+
+
+def of_effect(off: Sequence[Off], effect: Effect) -> list[Off]:
+    """Those of declared numbers that an effect has, too."""
+    return [one for one in off if (one.deviation.name, one.deviation.joint) == (effect.name, effect.joint)]
 
 
 def _kept(bench: Bench, state: State, declared: Sequence[Deviation]) -> State:

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arm_fit import UNSEEN_INFORMATION, Minimum, Problem, hold, minimise, residual, scale_of, spectrum
+from ident.arm_fit import UNSEEN_INFORMATION, Problem, hold, residual, scale_of, spectrum
 from ident.arm_model import Parameters, Posture
 from ident.campaign import Array, Campaign
 from ident.certainty import certainty, thin
+from ident.descent import Minimum, minimise
 from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis, posture_at

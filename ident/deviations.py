@@ -17,8 +17,9 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.special import chdtri
 
-from ident.arm_fit import Minimum, Problem, spectrum
+from ident.arm_fit import Problem, spectrum
 from ident.campaign import Array, Campaign
+from ident.descent import Minimum
 from symgen.plan import Model
 
 #: A number contradicts what was declared when it is this many standard deviations off, and this share of itself.

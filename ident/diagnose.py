@@ -15,7 +15,7 @@ import numpy as np
 from ident.added import Added, pruned, renamed, was_named
 from ident.arm_fit import spectrum
 from ident.campaign import Campaign
-from ident.contradicted import Off, contradicted, merged
+from ident.contradicted import Off, contradicted, merged, of_effect
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, departures, errors, groups
 from ident.effects.base import Effect
@@ -289,7 +289,7 @@ def _pair(
     if not earned(bench, alone, new, first):
         return None
     gain, found = alone.select - new.select, new.effects[-2]
-    return new, [_told(bench, state, lead, gain, tried, lin, found), entry]
+    return new, [_entry(bench, state, lead, gain, tried, lin, found), entry]
 
 
 def _entered(
@@ -307,10 +307,10 @@ def _entered(
     gain = state.select - new.select
     if not earned(bench, state, new, first) or (is_curve(best) and gain < CURVE_SHARE * first):
         return None
-    return new, _told(bench, state, new, gain, tried, lin, new.effects[-1])
+    return new, _entry(bench, state, new, gain, tried, lin, new.effects[-1])
 
 
-def _told(
+def _entry(
     bench: Bench, state: State, new: State, gain: float, tried: Sequence[Tried], lin: Linearised, effect: Effect
 ) -> Added:
     """The entry of an `effect` that makes of a model the `new` one, its rivals those that were `tried` beside it."""
@@ -373,12 +373,13 @@ def _std(state: State, effect: Effect, off: Sequence[Off]) -> tuple[float, ...]:
     values, vectors, seen = spectrum(state.minimum.information)
     lifted = np.where(seen, values, np.inf)
     deviation = np.sqrt(np.einsum("ik,k,ik->i", vectors, 1.0 / lifted, vectors)) * state.problem.scale
-    ours = [o.deviation for o in off if (o.deviation.name, o.deviation.joint) == (effect.name, effect.joint)]
-    told = {name: std for one in ours for name, _, std, _ in one.values}
+    told_by = {name: std for one in of_effect(off, effect) for name, _, std, _ in one.deviation.values}
     k = state.problem.base
     for e in state.effects:
         if same(e, effect):
             own = deviation[k : k + len(e.values)].tolist()
-            return tuple(told.get(p.name, 0.0) if p.declared else std for p, std in zip(e.parameters, own, strict=True))
+            return tuple(
+                told_by.get(p.name, 0.0) if p.declared else std for p, std in zip(e.parameters, own, strict=True)
+            )
         k += len(e.values)
     return ()

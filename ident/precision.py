@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ident.arm_fit import INFORMATION_ROUNDING, Minimum
+from ident.arm_fit import INFORMATION_ROUNDING
 from ident.arm_model import Parameters, Sampling, motion_and_derivatives, response
 from ident.bench import head
 from ident.campaign import Array, Campaign
 from ident.certainty import certainty
 from ident.coupled import problem_of, uncertainty
+from ident.descent import Minimum
 from ident.design import STEADY, Setup, prepare
 from ident.dob import close_loop
 from ident.errors import ExperimentError

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.arm_fit import Minimum, Problem, Slides, chi_squared, hold, minimise
+from ident.arm_fit import Problem, Slides, chi_squared, hold
 from ident.arm_model import Parameters
 from ident.campaign import Array, Campaign
 from ident.coupled import DOUBTS, problem_of
+from ident.descent import Minimum, minimise
 from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned
 from ident.evidence import Evidence

@@ -10,8 +10,9 @@ import pytest
 from motorbench import around_the_modes, imported, needs_records
 from study import markdown, publish
 
-from ident.arm_fit import hold, minimise, residual
+from ident.arm_fit import hold, residual
 from ident.coupled import declared_start, problem_of
+from ident.descent import minimise
 from ident.effects.base import Effect
 from ident.effects.friction import LinkViscous
 from ident.effects.motor import InputDelay

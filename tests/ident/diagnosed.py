@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from ident.added import Added
-from ident.arm_fit import chi_squared, hold, minimise
+from ident.arm_fit import chi_squared, hold
 from ident.bench import simulate
 from ident.campaign import Campaign
 from ident.coupled import declared_start, problem_of
 from ident.departures import EDGES, Departure, Errors
+from ident.descent import minimise
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorStribeck

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from diagnosed import ROOT, campaign
 
-from ident.arm_fit import _step, hold, minimise, residual
+from ident.arm_fit import hold, residual
 from ident.bench import simulate
 from ident.coupled import declared_start, problem_of
+from ident.descent import _step, minimise
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.structure import BaseCompliance, LinkFlexibility

@@ -18,11 +18,12 @@ import numpy as np
 from draws import KINDS, RANGES, RIGID, SILENT, draw_at_random
 from outside import OUTSIDE_RANGES
 
-from ident.arm_fit import Problem, chi_squared, hold, minimise, residual
+from ident.arm_fit import Problem, chi_squared, hold, residual
 from ident.bench import simulate
 from ident.campaign import Campaign
 from ident.confounded import never_told_apart
 from ident.coupled import DOUBTS, declared_start, problem_of
+from ident.descent import minimise
 from ident.effects.base import Effect
 from ident.errors import ExperimentError
 from ident.evidence import evidence, gravity_basis
