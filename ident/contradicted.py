@@ -5,23 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ident.arm_fit import chi_squared, hold
+import numpy as np
+
+from ident.arm_fit import Problem, chi_squared, hold
+from ident.campaign import Array
 from ident.departures import errors
-from ident.descent import minimise
+from ident.descent import SLACK, Minimum, minimise
 from ident.deviations import Deviation, deviations
 from ident.effects.base import Effect
+from ident.forked import forked
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
 from ident.refits import FINELY, Bench, State
 
-#: Declared numbers corrected at most.
-MOST = 6
-
 
 @dataclass(frozen=True, eq=False)
 class Off:
-    """A declared number that is off, held-out errors with it (and all less sure ones) as declared, and with it free;
-    `without` is the model that keeps it."""
+    """A declared number that is off: held-out errors with it alone as declared and with it as found; `without` is the model that
+    keeps all such."""
 
     deviation: Deviation
     before: float
@@ -30,18 +31,21 @@ class Off:
 
 
 def contradicted(bench: Bench, state: State) -> tuple[Off, ...]:
-    """Declared numbers that the fitted arm contradicts, with the errors when they are kept: all, then one less at a time."""
-    found = deviations(bench.campaign, bench.model, bench.basis, state.problem, state.minimum)[:MOST]
-    result = []
-    report, dof = bench.split.report, degrees(bench.split.select)
-    kept_last = state
-    for k in range(len(found) - 1, -1, -1):  # keep the least sure one, then the two least sure, ..
-        kept = _kept(bench, state, found[k:])
-        if kept.select < kept_last.select + LEAST_GAIN + max(state.select - dof, 0.0) / 2.0:
-            continue
-        result.append(Off(found[k], errors(bench, kept, report).all, errors(bench, kept_last, report).all, kept))
-        kept_last = kept
-    return tuple(reversed(result))
+    """Declared numbers that the fitted arm contradicts, dearest first."""
+    found = deviations(bench.campaign, bench.model, bench.basis, state.problem, state.minimum)
+    least = state.select + LEAST_GAIN + max(state.select - degrees(bench.split.select), 0.0) / 2.0
+    report = bench.split.report
+
+    def cost(one: Deviation) -> tuple[float, float]:
+        kept = _kept(bench, state, (one,))
+        return kept.select, errors(bench, kept, report).all
+
+    costs = zip(found, forked(cost, found, bench.workers), strict=True)
+    rows = sorted((row for row in costs if row[1][0] >= least), key=lambda row: -row[1][0])
+    if not rows:
+        return ()
+    after, none = errors(bench, state, report).all, _refitted(bench, _kept(bench, state, [one for one, _ in rows]))
+    return tuple(Off(one, before, after, none) for one, (_, before) in rows)
 
 
 def merged(bench: Bench, state: State, off: Sequence[Off]) -> tuple[State, tuple[Off, ...]]:
@@ -67,15 +71,36 @@ def of_effect(off: Sequence[Off], effect: Effect) -> list[Off]:
 
 
 def _kept(bench: Bench, state: State, declared: Sequence[Deviation]) -> State:
-    """The model refitted with these numbers as declared."""
+    """The model with these numbers as declared, the others where the curvature at its minimum takes them."""
     problem, vector = state.problem, state.minimum.vector.copy()
     free = problem.free.copy()
     for one in declared:
         vector[one.indices] -= one.change
         free[one.indices] = False
     problem = replace(problem, free=free)
-    minimum = minimise(problem, vector, (), 1, FINELY)
-    problem = replace(problem, slid=minimum.slid)
+    minimum = replace(state.minimum, vector=_follows(problem, state, vector))
+    return _judged(bench, replace(state, problem=problem), minimum)
+
+
+def _refitted(bench: Bench, state: State) -> State:
+    return _judged(bench, state, minimise(state.problem, state.minimum.vector, (), 1, FINELY))
+
+
+def _judged(bench: Bench, state: State, minimum: Minimum) -> State:
+    """The model at a minimum, with what it leaves of the records that choose."""
+    problem = replace(state.problem, slid=minimum.slid)
     chosen = replace(problem, data=bench.split.select)
     select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
     return replace(state, minimum=minimum, problem=problem, select=select)
+
+
+def _follows(problem: Problem, state: State, vector: Array) -> Array:
+    """What is free, where the curvature at the minimum takes it when the rest is moved to where `vector` has it."""
+    free, scale, information = problem.free, problem.scale, state.minimum.information
+    pushed = information[np.ix_(free, ~free)] @ ((vector - state.minimum.vector) / scale)[~free]
+    size = np.sqrt(np.maximum(np.diag(information)[free], 1e-300))
+    curvature = information[np.ix_(free, free)] / size / size[:, None] + SLACK * np.eye(len(size))
+    step = -np.linalg.solve(curvature, pushed / size) / size
+    result = vector.copy()
+    result[free] += np.clip(step, -1.0, 1.0) * scale[free]
+    return np.asarray(np.clip(result, problem.low, problem.high))

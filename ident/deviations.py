@@ -29,6 +29,8 @@ SHARES = {"J_m": 0.01, "D": 0.1, "D_spring": 0.1, "links": 0.005}
 MODEL_SHARE = 2e-3
 #: A body explains the change of the constants unless chance would do worse this rarely.
 CHANCE = 1e-6
+#: Several links are off, rather than one, when any one leaves more than so many times what chance does.
+SEVERAL = 2.0
 NAMES = {"J_m": "motor-inertia", "D": "motor-viscous", "D_spring": "spring-damping"}
 PORTS = {"motor-inertia": "motor", "motor-viscous": "motor", "spring-damping": "spring", "payload": "link",
          "inertial-parameters": "link", "gravity-stiffness": "link"}  # fmt: skip
@@ -97,10 +99,6 @@ def _links(
     phi = model.chain.parameters
     was = np.concatenate([model.alpha_cad, basis @ phi])
     off = found.vector[where] - was
-    q = model.random_postures(200, np.random.default_rng(0))
-    J, J_now = model.J_cad(q), model.J(q, found.vector[where[:D]])
-    size = np.sqrt(np.einsum("pi,pj->pij", *(np.diagonal(J, axis1=1, axis2=2),) * 2))
-    share = float(np.sqrt(np.mean(((J_now - J) / size) ** 2, axis=0)).max())
     C = covariance[np.ix_(where, where)]
     C = C + np.diag((MODEL_SHARE * np.maximum(np.abs(was), np.abs(was).max() * 1e-3)) ** 2)
     if hidden.size:
@@ -111,9 +109,10 @@ def _links(
     if float(y @ y) < alone:
         return []
     links = np.linalg.inv(np.linalg.cholesky(C[:D, :D])) @ off[:D]
-    if float(links @ links) < chdtri(D, CHANCE) or share < SHARES["links"]:
+    change = Change(model, basis, white, off, was, where)
+    if float(links @ links) < chdtri(D, CHANCE) or change.of_J < SHARES["links"]:
         return _gravity(off[D:], was[D:], C[D:, D:], where[D:])
-    return _bodies(Change(model, basis, white, off, was, where))
+    return _bodies(change)
 
 
 def _gravity(off: Array, was: Array, C: Array, where: Array) -> list[Deviation]:
@@ -143,6 +142,14 @@ class Change:
     @cached_property
     def y(self) -> Array:
         return np.asarray(self.white @ self.off)
+
+    @cached_property
+    def of_J(self) -> float:
+        """By how much J(q) changed: rms over postures of the entry that did most, relative to sqrt(J_ii J_jj)."""
+        D, q = len(self.model.factoring.W), self.model.random_postures(200, np.random.default_rng(0))
+        diagonal = np.sqrt(np.einsum("pii->pi", self.model.J_cad(q)))
+        J = self.model.J(q, self.off[:D]) / (diagonal[:, :, None] * diagonal[:, None, :])
+        return float(np.sqrt(np.mean(J**2, axis=0)).max())
 
     @cached_property
     def rows(self) -> Array:
@@ -219,7 +226,8 @@ class Part(NamedTuple):
 
 
 def _bodies(change: Change) -> list[Deviation]:
-    """What makes alpha and the gravity constants what they are: one thing, or two that take fewer numbers than a whole body."""
+    """What makes alpha and the gravity constants what they are: one thing, or two that take fewer numbers than a whole body; else
+    several links, and perhaps a load, that nobody can tell one by one."""
     n = change.model.chain.n
     sigmas = float(np.linalg.norm(change.y))
     whole = [_any_body(change, b) for b in range(n)]
@@ -241,6 +249,9 @@ def _bodies(change: Change) -> list[Deviation]:
         if level < 1.0:
             return _told(change, parts, x, std, _as_well(change, parts, load, good))
     best = max((b for _, b in good), default=int(np.argmin([level for level, _ in whole])))
+    if whole[best][0] > SEVERAL:
+        values = (("change", change.of_J, change.of_J / sigmas, ""),)
+        return [Deviation("inertial-parameters", None, values, sigmas, change.where, change.off, (load.named,))]
     cad = change.model.chain.parameters[10 * best : 10 * best + 10]
     size = float(np.linalg.norm(whole[best][1] * np.abs(cad)) / max(float(cad @ cad), 1e-300))
     tied = tuple(one for one in good if one[1] != best)

@@ -82,6 +82,7 @@ def verdict_document(d: Diagnosis, files: Sequence[str | Path], notes: Sequence[
             "noise_per_band": per_band,
         },
         "inertia": _inertia(d),
+        "drives": _drives(d),
         "unexplained": unexplained(d),
         "notes": list(notes),
     }
@@ -93,14 +94,9 @@ def result_document(d: Diagnosis) -> dict[str, Any]:
     """Returns result.json for the corrected arm, the keys that `ident fit` promises: units kg m2, N m/rad, N m s/rad."""
     problem, found, model = d.end.problem, d.end.minimum, d.model
     p = problem.parameters(found.vector)
-    covariance, unseen, std = uncertainty(problem, found)
+    covariance, unseen, _ = uncertainty(problem, found)
     dof, limit = degrees_of_freedom(problem, found)
     links = nearest_links(model, p.alpha, covariance, unseen)
-    n = d.campaign.n
-
-    def drive(block: int, values: Any) -> dict[str, Any]:
-        return {"value": values, "std": std[block * n : (block + 1) * n] * values}
-
     hidden = [model.names[int(np.argmax(np.abs(direction)))] for direction in unseen.T]
     document: dict[str, Any] = {
         "robot": model.chain.name,
@@ -113,10 +109,7 @@ def result_document(d: Diagnosis) -> dict[str, Any]:
             "unit": model.units,
             "cad": model.alpha_cad,
         },
-        "K": drive(0, p.K),
-        "J_m": drive(1, p.J_m),
-        "D": drive(2, p.D),
-        "D_spring": drive(3, p.D_spring),
+        **_drives(d),
         "effects": [
             {"name": e.name, "joint": _joint(d.campaign, e.joint), "port": e.port, "parameters": _parameters(e, ())}
             for e in d.end.effects
@@ -134,6 +127,17 @@ def result_document(d: Diagnosis) -> dict[str, Any]:
     }  # fmt: skip
     result: dict[str, Any] = plain(document)
     return result
+
+
+def _drives(d: Diagnosis) -> dict[str, Any]:
+    """K, J_m, D, D_spring of the corrected arm, with standard deviations."""
+    p, n = d.end.problem.parameters(d.end.minimum.vector), d.campaign.n
+    std = uncertainty(d.end.problem, d.end.minimum)[2]
+    return {
+        name: {"value": values, "std": std[block * n : (block + 1) * n] * values}
+        for block, name in enumerate(("K", "J_m", "D", "D_spring"))
+        for values in (getattr(p, name),)
+    }
 
 
 def write(document: dict[str, Any], path: str | Path) -> None:
@@ -199,6 +203,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
         "name": e.name,
         "joint": _joint(c, e.joint),
         "port": e.port,
+        "declared": False,
         "parameters": _parameters(e, added.std),
         "before": added.before,
         "after": added.after,
@@ -225,13 +230,14 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
 
 
 def _off(d: Diagnosis, off: Off) -> dict[str, Any]:
-    """A declared number that is off, as an effect."""
+    """A declared number that is off, as an effect; its errors are those with it alone as declared and with it as found."""
     one, c = off.deviation, d.campaign
     values = {name: {"value": value, "std": std, "unit": unit} for name, value, std, unit in one.values}
     return {
         "name": one.name,
         "joint": _joint(c, one.joint),
         "port": DECLARED_PORTS[one.name],
+        "declared": True,
         "parameters": values,
         "before": off.before,
         "after": off.after,
@@ -282,24 +288,27 @@ def _moves_no_other(model: Model, joint: int) -> bool:
 
 
 def _inertia(d: Diagnosis) -> dict[str, Any]:
-    """alpha before and after, and by how much J(q) was wrong at random postures, relative to CAD's sqrt(J_ii J_jj); nothing for
-    entries that need a constant no record shows."""
+    """alpha before and after, and by how much J(q) was wrong at random postures, before and by CAD, relative to CAD's
+    sqrt(J_ii J_jj); nothing for entries that need a constant no record shows."""
     first = d.off[0].without if d.off and not d.added else d.start
     q = d.model.random_postures(POSTURES, np.random.default_rng(SEED))
     before, after = (d.model.J(q, state.problem.parameters(state.minimum.vector).alpha) for state in (first, d.end))
-    diagonal = np.sqrt(np.einsum("pii->pi", d.model.J_cad(q)))
+    cad = d.model.J_cad(q)
+    diagonal = np.sqrt(np.einsum("pii->pi", cad))
     size = diagonal[:, :, None] * diagonal[:, None, :]
     covariance, unseen, _ = uncertainty(d.end.problem, d.end.minimum)
     std = np.sqrt(np.mean((inertia_std(d.model.J_rows(q), covariance, unseen) / size) ** 2, axis=0))
-    change = np.where(np.isfinite(std), np.abs(before - after) / size, np.nan)
+    change, of_cad = (np.where(np.isfinite(std), np.abs(other - after) / size, np.nan) for other in (before, cad))
     return {
         "alpha_before": _alpha(d.model, first),
         "alpha_after": _alpha(d.model, d.end),
+        "alpha_cad": d.model.alpha_cad,
         "J": {
             "postures": POSTURES,
             "seed": SEED,
             "change_rms": np.sqrt(np.mean(change**2, axis=0)),
             "change_largest": change.max(axis=0),
+            "cad_rms": np.sqrt(np.mean(of_cad**2, axis=0)),
             "std_after": std,
             "relative_to": "sqrt(J_ii J_jj) of CAD",
         },

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.deviations import NAMES
 from ident.diagnose import Diagnosis
+from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.held_out import HeldOut, held_out, reconstructed
 from ident.trace import PORTS
@@ -18,6 +20,10 @@ if TYPE_CHECKING:
 
 #: Held-out error, of noise alone, up to which the records are explained.
 EXPLAINED = 1.5
+#: More declared numbers that are off than these are counted in a sentence, not named.
+NAMED = 2
+#: Which number of a drive an effect says is off.
+FIELDS = {name: field for field, name in NAMES.items()}
 
 
 def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
@@ -40,8 +46,9 @@ def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
             picture=Markup(before_after_figure(shown)) if shown else None,
             picture_record=ids[shown.record] if shown else "",
             picture_joint=d.campaign.joints[shown.joint] if shown else "",
-            meanings=[meaning(effect) for effect in verdict["effects"]],
-            laws=[_law(d, k) for k in range(len(verdict["effects"]))],
+            effects=[(e, meaning(e), _law(d, a.effect)) for e, a in zip(_lacking(verdict), d.added, strict=True)],
+            numbers=[(e, meaning(e), _share(verdict, e)) for e in _off(verdict)],
+            drives=_drives(verdict),
             ports=_port_map(d),
             entries=_entries(verdict, d.campaign.n),
             todo=todo(verdict),
@@ -52,12 +59,13 @@ def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
 
 def sentence(verdict: dict[str, Any]) -> str:
     """What was found, in one sentence."""
-    effects, joined = verdict["effects"], _names(verdict["effects"])
+    effects, joined = verdict["effects"], _found(verdict)
     if verdict["status"] == "explained":
         return "Nothing is missing: the declared model explains every record within its noise."
     if verdict["status"] == "effect-found":
-        e, pronoun = verdict["error"], "it" if len(effects) == 1 else "them"
-        found, noise = f"The declared model lacks {joined}; with {pronoun}", e["noise_floor"]
+        many = len(_off(verdict)) > NAMED
+        e, pronoun = verdict["error"], "all corrected" if many else "it" if len(effects) == 1 else "them"
+        found, noise = f"{joined[0].upper()}{joined[1:]}; with {pronoun}", e["noise_floor"]
         if noise and e["after"]["all"] > EXPLAINED * noise:
             before, after = (f"{e[when]['all'] / noise:.3g}" for when in ("before", "after"))
             return f"{found} its error falls from {before} to {after} times the noise."
@@ -65,7 +73,51 @@ def sentence(verdict: dict[str, Any]) -> str:
     place = _place(verdict["unexplained"][0]) if verdict["unexplained"] else "the records"
     if not effects:
         return f"Something acts that nothing in the catalogue explains: {place}."
-    return f"The declared model lacks {joined}; even so something stays unexplained: {place}."
+    return f"{joined[0].upper()}{joined[1:]}; even so something stays unexplained: {place}."
+
+
+def _lacking(verdict: dict[str, Any]) -> list[dict[str, Any]]:
+    """What the declared model does not have at all."""
+    return [effect for effect in verdict["effects"] if not effect["declared"]]
+
+
+def _off(verdict: dict[str, Any]) -> list[dict[str, Any]]:
+    """What it has at another value."""
+    return [effect for effect in verdict["effects"] if effect["declared"]]
+
+
+def _found(verdict: dict[str, Any]) -> str:
+    """What the declared model lacks, and declared numbers that are off: their names, or how many where they are many."""
+    lacking, off = _lacking(verdict), _off(verdict)
+    if len(off) <= NAMED:
+        return f"the declared model lacks {_names([*lacking, *off])}"
+    many = f"{len(off)} declared numbers are off"
+    return f"the declared model lacks {_names(lacking)}, and {many}" if lacking else many
+
+
+def _share(verdict: dict[str, Any], effect: dict[str, Any]) -> float | None:
+    """By which share of itself a declared number is off, where it is one number."""
+    declared, (parameter, *more) = verdict["declared"], effect["parameters"].values()
+    if more or parameter["unit"] and effect["name"] not in FIELDS:
+        return None
+    was = (
+        declared["drives"][FIELDS[effect["name"]]][declared["joints"].index(effect["joint"])]
+        if parameter["unit"]
+        else 1.0
+    )
+    return float(parameter["value"] / was)
+
+
+def _drives(verdict: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row for every drive: each number as declared, as found, and its standard deviation."""
+    declared, found = verdict["declared"]["drives"], verdict["drives"]
+    return [
+        {
+            name: {"declared": declared[name] and declared[name][j], "value": p["value"][j], "std": p["std"][j]}
+            for name, p in found.items()
+        }
+        for j in range(len(verdict["declared"]["joints"]))
+    ]
 
 
 def detail(verdict: dict[str, Any]) -> str:
@@ -83,6 +135,10 @@ def meaning(effect: dict[str, Any]) -> str:
     if effect["name"] == "unknown":
         curve = effect.get("curve", {})
         return f"A torque that no law of the catalogue describes, learned from the records as a curve of {curve.get('variable', 'its port')}."
+    if effect["name"] == "inertial-parameters" and effect["joint"] is None:
+        return (
+            "Several links are not as in the URDF, or carry a load: J(q) changes by this share of sqrt(J_ii J_jj), rms."
+        )
     found = CATALOGUE.get(effect["name"])
     return (inspect.getdoc(found) or "").split("\n\n")[0].replace("`", "") if found else ""
 
@@ -113,8 +169,10 @@ def text(verdict: dict[str, Any], brief: bool = False) -> str:
         rows += [(name, e["before"][key][name], after, e[noise].get(name)) for name, after in e["after"][key].items()]
     for name, before, after, noise in rows:
         lines.append(f"{name:<22}" + "".join(f"{_cell(value):>9}" for value in (before, after, noise)))
-    for k, effect in enumerate(verdict["effects"]):
-        lines += ["", f"{k + 1}. {_named(effect)}: {_values(effect)}"]
+    for k, effect in enumerate(verdict["effects"], 1):
+        share = _share(verdict, effect) if effect["declared"] else None
+        lines += [""] * (not effect["declared"] or k == len(_lacking(verdict)) + 1)
+        lines += [f"{k}. {_named(effect)}: {_values(effect)}" + (f" ({100 * share:+.3g} %)" if share else "")]
         lines += [f"   not told from {_named(other)}: {other['separate_by']}" for other in effect["confounded_with"]]
         rivals = ", ".join(f"{_named(rival)} {_percent(rival['after'])}" for rival in effect["rivals"])
         if rivals and not brief:
@@ -203,15 +261,13 @@ def _telling(rows: tuple[HeldOut, ...], verdict: dict[str, Any], joints: tuple[s
     return max(own, key=lambda row: float(np.sum(np.abs(row.before / row.noise) ** 2)), default=None)
 
 
-def _law(d: Diagnosis, k: int) -> dict[str, Markup | str] | None:
-    """The figure of the k-th effect's law, where it has a port."""
+def _law(d: Diagnosis, effect: Effect) -> dict[str, Markup | str] | None:
+    """The figure of an effect's law, where it has a port."""
     from markupsafe import Markup
 
     from ident.diagnosis_figures import law_figure
 
-    if k >= len(d.added):
-        return None  # a declared number that is off has no law
-    force = reconstructed(d, d.added[k].effect)
+    force = reconstructed(d, effect)
     if force is None:
         return None
     return {"figure": Markup(law_figure(force)), "record": d.campaign.records[force.record].id}
@@ -229,7 +285,8 @@ def _entries(verdict: dict[str, Any], n: int) -> list[dict[str, Any]]:
     """How far each entry of J(q) was off; those that are zero left out."""
     J = verdict["inertia"]["J"]
     rows = [
-        {"name": entry(i, j, n), "rms": J["change_rms"][i][j], "largest": J["change_largest"][i][j], "std": J["std_after"][i][j]}
+        {"name": entry(i, j, n), "rms": J["change_rms"][i][j], "largest": J["change_largest"][i][j], "std": J["std_after"][i][j],
+         "cad": J["cad_rms"][i][j]}
         for i in range(n) for j in range(i, n)
     ]  # fmt: skip
     return [row for row in rows if row["rms"]]

@@ -27,7 +27,7 @@ def _with_body(arm: Arm, joint: int, body: Inertia) -> Arm:
 
 @final
 class MotorViscous(Effect):
-    """More viscous friction on the motor than declared."""
+    """Another viscous friction on the motor than declared."""
 
     name, port, declared = "motor-viscous", "motor", True
     parameters = (Parameter("damping", "Nms/rad", 0.0, 1.0, (0.05, 0.02), linear=True, relative="torque/rate"),)
@@ -38,7 +38,7 @@ class MotorViscous(Effect):
 
 @final
 class MotorInertia(Effect):
-    """More motor inertia than in the datasheet: a brake, a coupling."""
+    """Another motor inertia than in the datasheet: a brake, a coupling."""
 
     name, port, declared = "motor-inertia", "motor", True
     parameters = (Parameter("inertia", "kgm2", -0.9, 10.0, (0.2, -0.1), linear=True, relative="J"),)
@@ -49,7 +49,7 @@ class MotorInertia(Effect):
 
 @final
 class SpringDamping(Effect):
-    """More viscous damping in the gear than declared."""
+    """Another viscous damping in the gear than declared."""
 
     name, port, declared = "spring-damping", "spring", True
     parameters = (Parameter("damping", "Nms/rad", 0.0, 50.0, (1.0,), linear=True, relative="damping"),)

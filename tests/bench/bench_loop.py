@@ -184,7 +184,7 @@ def _short(effect: dict[str, Any]) -> dict[str, Any]:
 def _clean_bias(job: Job) -> float | None:
     """How wrong J(q) comes out of the same records without the effect: a clean case of its own where the lock is the usual one."""
     case = twin(job.case)
-    results = job.results if case.lock == "dob" else job.results / case.lock
+    results = job.results if (case.lock, case.built) == ("dob", False) else job.results / f"{case.lock}-{case.built}"
     own = Job(case, job.directory, results, False)
     path = results / f"{case.id}.json"
     if not path.exists():

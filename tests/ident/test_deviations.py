@@ -62,3 +62,10 @@ def test_a_body_that_changed_in_another_way_is_told_alone_and_what_does_as_well(
     assert (one.name, one.joint) == ("inertial-parameters", 2)
     (other,) = _bodies(changed(mass=0.5))
     assert ("inertial-parameters", 2) in other.tied
+
+
+def test_several_links_that_changed_are_the_whole_arm_and_not_the_one_that_explains_most() -> None:
+    (one,) = _bodies(changed(bodies=(0.2, -0.15, 0.1), aside=0.02))
+    assert (one.name, one.joint, one.tied) == ("inertial-parameters", None, (("payload", None),))
+    ((name, size, std, _),) = one.values
+    assert name == "change" and 0.02 < size < 0.3 and std < 0.1 * size

@@ -15,7 +15,7 @@ from ident.effects.learned import learned
 from ident.effects.motor import TorqueRipple
 from ident.errors import IdentError
 
-KEYS = {"format", "version", "input", "status", "declared", "effects", "error", "inertia", "unexplained"}
+KEYS = {"format", "version", "input", "status", "declared", "effects", "error", "inertia", "drives", "unexplained"}
 EFFECT = {"name", "joint", "port", "parameters", "before", "after", "evidence", "rivals", "confounded_with"}
 RESULT = {
     "joints", "alpha", "K", "J_m", "D", "chi2_per_dof", "explained", "not_identifiable", "physically_consistent", "method",

@@ -6,9 +6,12 @@ import re
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
+import numpy as np
 import pytest
 from diagnosed import diagnosis, unexplained
 
+from ident.contradicted import Off
+from ident.deviations import Deviation
 from ident.diagnosis_json import verdict_document
 from ident.diagnosis_report import html, sentence, text, todo
 
@@ -71,3 +74,45 @@ def test_the_text_is_one_table_and_one_line_an_effect(file):
     assert sum(line.startswith("1. motor-coulomb at joint2: level 0.0039") for line in lines) == 1
     brief = text(verdict_document(d, [file]), brief=True)
     assert "next best" in "\n".join(lines) and "next best" not in brief
+
+
+def numbers(d, *values):
+    """Declared numbers off by these: motor inertias of the first joints, the links."""
+    none = np.zeros(0)
+    drives = [
+        Deviation("motor-inertia", j, (("inertia", v, 1e-9, "kgm2"),), 80.0, none, none) for j, v in enumerate(values)
+    ]
+    links = Deviation(
+        "inertial-parameters", None, (("change", 0.12, 1e-3, ""),), 120.0, none, none, (("payload", None),)
+    )
+    return replace(d, off=tuple(Off(one, 0.05, d.after.all, d.start) for one in (*drives, links)))
+
+
+def test_many_declared_numbers_that_are_off_are_counted_in_the_sentence_and_told_in_one_table(file):
+    d = numbers(diagnosis(), -4e-6, 1e-6)
+    v = verdict_document(d, [file])
+    assert [effect["declared"] for effect in v["effects"]] == [False, True, True, True]
+    assert sentence(v) == (
+        "The declared model lacks motor-coulomb at joint2, and 3 declared numbers are off; with all corrected it explains the records."
+    )
+    page = html(d, v)
+    assert page.count("<h2>1. motor-coulomb") == 1 and "<h2>2." not in page
+    assert page.count("Declared numbers that are off") == 1
+    assert "Several links are not as in the URDF" in page and "do not tell inertial-parameters from payload" in page
+    share = -4e-6 / d.campaign.J_m[0]
+    assert f"2. motor-inertia at joint1: inertia -4e-06 +- 1e-09 kgm2 ({100 * share:+.3g} %)" in text(v)
+    only = sentence(verdict_document(replace(d, added=()), [file]))
+    assert only == "3 declared numbers are off; with all corrected it explains the records."
+
+
+def test_few_declared_numbers_are_named(file):
+    v = verdict_document(numbers(replace(diagnosis(), added=())), [file])
+    assert sentence(v) == "The declared model lacks inertial-parameters; with it it explains the records."
+
+
+def test_drives_stand_as_found_beside_what_was_declared(file):
+    d = diagnosis()
+    v = verdict_document(d, [file])
+    K = v["drives"]["K"]
+    assert K["value"] == pytest.approx(d.campaign.K, rel=2e-3) and 0.0 < max(K["std"]) < 2e-3 * max(K["value"])
+    assert "<h2>Drives</h2>" in html(d, v)

@@ -24,13 +24,13 @@ from ident.campaign import Campaign
 from ident.confounded import never_told_apart
 from ident.coupled import DOUBTS, declared_start, problem_of
 from ident.descent import minimise
-from ident.effects.base import Effect
+from ident.effects.base import Arm, Effect
 from ident.errors import ExperimentError
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
-from symgen.chain import Chain
+from symgen.chain import Chain, Inertia
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
-from symgen.robot import Robot, load_robot
+from symgen.robot import Drive, Robot, load_robot
 
 ROBOTS = Path(__file__).parents[3] / "robots"
 #: Records of half a second and more a line: 2 s a period, of which the last are steady.
@@ -48,13 +48,18 @@ SHOWS = 3.0
 BANDS, LEAST_LINES = (0.0, 1.0, 3.0, 10.0, 30.0, 1000.0), 8
 #: Numbers that are declared: the fit is free of them, so they show against the declared arm, not the refitted one.
 DECLARED = ("motor-viscous", "motor-inertia", "spring-damping", "payload", "inertial-parameters", "gravity-stiffness")
+#: Logarithmic standard deviations by which an arm may be built otherwise than declared.
+BUILT = {"K": 0.1, "J_m": 0.1, "D": 0.2, "D_spring": 0.2, "mass": 0.1, "com": 0.05, "I": 0.05}
 #: A draw too small is made larger so many times, by this factor; one that topples the arm smaller; then another is drawn.
 TRIES, LARGER, SMALLER, DRAWS = 3, 2.0, 0.6, 6
 
 
 @dataclass(frozen=True)
 class Case:
-    """One draw of the study; `name` the effect's where it has one, `records` the seed of its excitation and noise."""
+    """One draw of the study; `name` the effect's where it has one, `records` the seed of its excitation and noise.
+
+    `built`: the drives and links of the arm are not the declared ones, by `BUILT`, drawn from `records`.
+    """
 
     kind: str
     index: int
@@ -63,6 +68,7 @@ class Case:
     lock: str
     name: str
     records: int
+    built: bool = False
 
     @property
     def id(self) -> str:
@@ -96,7 +102,12 @@ def cases(kind: str, count: int, seed: int) -> Iterator[Case]:
     for k in range(count):
         lock = "rigid" if order[k] in RIGID else "dob"
         robot = "arm6" if k % LARGE == LARGE - 1 and lock == "dob" else "ypp3"
-        yield Case(kind, k, seed, robot, lock, order[k], seed * 1000 + k)
+        yield Case(kind, k, seed, robot, lock, order[k], seed * 1000 + k, _otherwise(kind, k, order[k]))
+
+
+def _otherwise(kind: str, index: int, name: str) -> bool:
+    """Whether an arm is built otherwise than declared: every second one, but where the effect is that it is."""
+    return kind != "clean" and index % 2 == 1 and name not in DECLARED
 
 
 def twin(case: Case) -> Case:
@@ -114,10 +125,36 @@ def arm(name: str) -> tuple[Robot, Chain, Model, tuple[tuple[str, np.ndarray], .
     return robot, chain, make_model(chain, believe_zeros=robot.believe_zeros), cells
 
 
+def built(case: Case) -> Arm:
+    """The arm of a case without its effects."""
+    robot, chain, *_ = arm(case.robot)
+    drives, gravity = tuple(robot.drive(name) for name in chain.names), np.asarray(robot.gravity)
+    if not case.built:
+        return Arm(chain, drives, gravity)
+    rng = np.random.default_rng(case.records)
+
+    def off(what: str) -> float:
+        return float(np.exp(rng.normal(0.0, BUILT[what])))
+
+    def drive(one: Drive) -> Drive:
+        return replace(one, **{what: getattr(one, what) * off(what) for what in ("K", "J_m", "D", "D_spring")})
+
+    def link(one: Inertia) -> Inertia:
+        heavier = off("mass")
+        return Inertia(one.mass * heavier, one.com * off("com"), one.I * heavier * off("I"))
+
+    joints = tuple(replace(joint, inertia=link(joint.inertia)) for joint in chain.joints)
+    return Arm(replace(chain, joints=joints), tuple(drive(one) for one in drives), gravity)
+
+
 def measured(case: Case, effects: Sequence[Effect]) -> Campaign:
     """The records of a case. ExperimentError: the arm falls, or can not have the effects."""
     robot, chain, _, cells = arm(case.robot)
-    return simulate(chain, robot, cells, lock=case.lock, seed=case.records, effects=effects, workers=1)
+    true = built(case)
+    return simulate(
+        chain, robot, cells, lock=case.lock, seed=case.records, truth=true.chain, truth_drives=true.drives, effects=effects,
+        workers=1,
+    )  # fmt: skip
 
 
 def drawn(case: Case, cache_directory: Path, reuse: Path | None = None) -> tuple[Drawn, Campaign | None]:
@@ -166,7 +203,8 @@ def _shown(case: Case) -> tuple[Drawn, Campaign]:
 def _two(case: Case, cache_directory: Path) -> tuple[Drawn, Campaign]:
     """Two effects of single draws of the same arm, each of which shows alone, and that can be told apart."""
     rng, n = case.rng(), arm(case.robot)[1].n
-    singles = [one for one in cases("one", SINGLES, case.seed) if (one.robot, one.lock) == (case.robot, case.lock)]
+    singles = [one for one in cases("one", SINGLES, case.seed)
+               if (one.robot, one.lock) == (case.robot, case.lock) and not (case.built and one.name in DECLARED)]  # fmt: skip
     pairs = list(combinations(singles, 2))
     for draws, k in enumerate(rng.permutation(len(pairs))[:DRAWS].tolist(), 1):
         parts = [single(one, cache_directory) for one in pairs[k]]

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.effects.base import Arm, Effect
-from loop.cases import Case, arm
+from ident.effects.base import Effect
+from loop.cases import Case, arm, built
 from symgen.kinematics import inertia_matrix
 from symgen.plan import make_model
 
@@ -79,9 +79,9 @@ def place(verdict: dict[str, Any]) -> tuple[str | None, str | None]:
 
 def bias(case: Case, effects: Sequence[Effect], verdict: dict[str, Any]) -> float:
     """How wrong J(q) of the corrected arm is: rms over postures of the entry that is worst, relative to sqrt(J_ii J_jj)."""
-    robot, chain, *_ = arm(case.robot)
+    chain = arm(case.robot)[1]
     model = make_model(chain, believe_zeros=verdict["declared"]["believed_zeros"] > 0)
-    true = Arm(chain, tuple(robot.drive(name) for name in chain.names), np.asarray(robot.gravity))
+    true = built(case)
     for effect in effects:
         true = effect.arm(true, 0)
     alpha = np.array([verdict["inertia"]["alpha_after"][name]["value"] for name in model.names])
