@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.acting import Moved, Slid, acting, differences, linear_part, moved
-from ident.arm_model import Extra, Parameters, Posture, by_impedance, motion_and_derivatives, transfer
+from ident.arm_model import Extra, Parameters, by_impedance, motion_and_derivatives, transfer
 from ident.campaign import Array
 from ident.effects.base import Effect, Known, has_forces, only_forces, only_impedance
 from ident.evidence import Evidence
@@ -42,7 +42,7 @@ class Problem:
     """All records of an n-joint arm with D constants alpha and these `effects`, whose values are fitted too.
 
     The vector [P] is that of `Parameters` followed by the values of every effect; a step of `scale` [P] is a large one. `low`,
-    `high` [P] bound it; `free` [P] are the parameters that may move. `posture_of` gives the arm at another posture.
+    `high` [P] bound it; `free` [P] are the parameters that may move. `scene_at` gives a record's scene at another posture.
     With `turns` the forces of effects are found together with the motion that they change, dry friction from where it was
     found last, `slid`, by record. `expected` are a vector [P] known beforehand and the weights [P] of steps of `scale` away from
     it, added to chi^2. `workers` processes find how the arm moved.
@@ -57,7 +57,7 @@ class Problem:
     low: Array
     high: Array
     free: NDArray[np.bool_]
-    posture_of: Callable[[Evidence, Array], Posture]
+    scene_at: Callable[[Scene, Array], Scene]
     turns: int = 0
     expected: tuple[Array, Array] | None = None
     slid: Slides = field(default_factory=dict)
@@ -91,7 +91,7 @@ class Problem:
         q = one.scene.posture
         for effect in effects:
             q = effect.posture(q)
-        return one.scene if q is one.scene.posture else replace(one.scene, arm=self.posture_of(one, q), posture=q)
+        return one.scene if q is one.scene.posture else self.scene_at(one.scene, q)
 
 
 def scale_of(start: Parameters) -> Array:

@@ -119,7 +119,7 @@ def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
         whole = effect.impedance(s, arm)
         Z = None if whole is None else scene.of_live(whole)
     if kind.posture is not Effect.posture:
-        moved = lin.problem.posture_of(one, effect.posture(scene.posture))
+        moved = lin.problem.scene_at(scene, effect.posture(scene.posture)).arm
         dJ, dK = moved.J(p) - scene.arm.J(p), (moved.K_rows - scene.arm.K_rows) @ p.gravity
         Z = np.zeros((len(s), 2 * m, 2 * m), dtype=complex)
         Z[:, m:, m:] = s[:, None, None] ** 2 * dJ + dK

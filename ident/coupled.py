@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arm_fit import UNSEEN_INFORMATION, Problem, hold, residual, scale_of, spectrum
-from ident.arm_model import Parameters, Posture
+from ident.arm_model import Parameters
 from ident.campaign import Array, Campaign
 from ident.certainty import certainty, thin
 from ident.descent import Minimum, minimise
 from ident.effects.base import Effect
 from ident.errors import IdentError
-from ident.evidence import Evidence, evidence, gravity_basis, posture_at
+from ident.evidence import Evidence, evidence, gravity_basis, scenes_of
 from ident.fit import UNTOLD, chi2_limit, two_mass
 from ident.frf import Complex, Frf
 from ident.start import START_DAMPING
@@ -144,12 +144,9 @@ def problem_of(
     if len(bounds):
         low[-len(bounds) :], high[-len(bounds) :] = np.array(bounds).T
 
-    def posture_of(one: Evidence, q: Array) -> Posture:
-        return posture_at(campaign, model, basis, one.scene.arm.live, q)
-
     return Problem(
         data, campaign.n, len(start.alpha), len(start.gravity), tuple(effects), scale, low, high,
-        np.ones(len(scale), dtype=bool), posture_of,
+        np.ones(len(scale), dtype=bool), scenes_of(campaign, model, basis),
     )  # fmt: skip
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from ident.arm_model import Posture, Sampling
 from ident.campaign import Array, Campaign
 from ident.errors import IdentError
 from ident.frf import BINS, ORDER, ROUNDING, Frf
-from ident.scene import Scene
+from ident.scene import Scene, Slopes
 from ident.whitening import Noise
 from symgen.plan import Model
 
@@ -19,6 +21,8 @@ from symgen.plan import Model
 DIFFERENCE = 2e-3
 #: Random postures that show what the gravity stiffness depends on.
 PROBES = 200
+#: Other postures that are kept, for a fit that comes back to them.
+RECENT = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +109,22 @@ def posture_at(campaign: Campaign, model: Model, basis: Array, live: NDArray[np.
     return Posture(live, campaign.N[live], model.J_rows(q)[square], K_rows[square])
 
 
-def _slopes(campaign: Campaign, model: Model, basis: Array, live: NDArray[np.int64], q: Array) -> tuple[Array, Array]:
+def scenes_of(campaign: Campaign, model: Model, basis: Array) -> Callable[[Scene, Array], Scene]:
+    """What makes of a record's scene the same at another posture q [n]."""
+
+    @lru_cache(maxsize=RECENT)
+    def arm_at(live: tuple[int, ...], q: tuple[float, ...], moves: bool) -> tuple[Posture, Slopes | None]:
+        where = campaign, model, basis, np.array(live), np.array(q)
+        return posture_at(*where), _slopes(*where) if moves else None
+
+    def scene_at(scene: Scene, q: Array) -> Scene:
+        arm, slopes = arm_at(tuple(scene.arm.live.tolist()), tuple(q.tolist()), scene.slopes is not None)
+        return replace(scene, arm=arm, posture=q, slopes=slopes)
+
+    return scene_at
+
+
+def _slopes(campaign: Campaign, model: Model, basis: Array, live: NDArray[np.int64], q: Array) -> Slopes:
     """d/dq_k of the rows of J [m, m, m, D] and of the gravity stiffness [m, m, m, r], k first, of the live joints."""
     steps = DIFFERENCE * np.array([-2.0, -1.0, 1.0, 2.0])
     weights = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * DIFFERENCE)

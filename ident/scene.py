@@ -20,6 +20,8 @@ from symgen.chain import Chain
 OVERSAMPLED = 12
 #: Aliases on either side that gains are told of: those of a motor alone fall with the third power.
 FOLDED = 8
+#: Rows of what J and the gravity stiffness change by, see `Scene`.
+Slopes = tuple[Array, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,7 @@ class Scene:
     posture: Array
     N: Array
     beyond: tuple[NDArray[np.int64], Complex, Complex]
-    slopes: tuple[Array, Array] | None = None
+    slopes: Slopes | None = None
     creeping: Array | None = None
     chain: Chain | None = None
     gravity: Array | None = None

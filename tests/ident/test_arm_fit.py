@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosed import ROOT, campaign
+from diagnosed import ROOT, campaign, diagnosis
 
 from ident.arm_fit import hold, residual
 from ident.bench import simulate
@@ -15,6 +15,7 @@ from ident.coupled import declared_start, problem_of
 from ident.descent import _step, minimise
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.sensor import JointZeroOffset
 from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
@@ -119,3 +120,17 @@ def test_a_winding_valley_is_followed_by_its_bend() -> None:
 
     found = minimise(problem, along, (), 3, 1e-4).vector
     assert 0.3 < (found[0] - along[0]) / np.log(1.0 / 0.75) < 1.1
+
+
+def test_at_another_posture_what_is_of_second_order_is_another_too() -> None:
+    d = diagnosis()
+    basis = gravity_basis(d.model, d.campaign.gravity)
+    one, frf = d.start.problem.data[1], d.responses[d.start.problem.data[1].index]
+    moved = d.start.problem.scene(one, (JointZeroOffset(2, (0.3,)),))
+    turned = replace(frf, posture=frf.posture + np.array([0.0, 0.0, 0.3]))
+    there = evidence(d.campaign, d.model, basis, turned, one.index, "every").scene
+    assert moved.slopes is not None and there.slopes is not None and one.scene.slopes is not None
+    for mine, right, untold in zip(moved.slopes, there.slopes, one.scene.slopes, strict=True):
+        np.testing.assert_array_equal(mine, right)
+        assert np.abs(mine - untold).max() > 0.05 * np.abs(untold).max()
+    np.testing.assert_array_equal(moved.arm.J_rows, there.arm.J_rows)
