@@ -253,18 +253,25 @@ def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried
 
 
 def _finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """Candidates fitted finely; while none is near the noise, those whose chi^2 falls much again and again."""
+    """Candidates fitted finely; while no name is near the noise, those whose chi^2 falls much again and again."""
     near = CLOSE**2 * degrees(bench.split.select)
     falling, settled = list(tried), []
     for _ in range(1 + PATIENCE):
-        new = list(all_fitted(bench, [Refit.of(state) for _, state in falling]))
+        before = list(map(_select, falling))
+        new = all_fitted(bench, [Refit.of(state) for _, state in falling])
         finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]
         for _, state in finer:
             progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
-        fell = [now.select < FALLING * before.select for (_, before), now in zip(falling, new, strict=True)]
-        settled += [one for one, still in zip(finer, fell, strict=True) if not still]
-        falling = [one for one, still in zip(finer, fell, strict=True) if still]
-        if not falling or min(map(_select, settled + falling)) <= near:
+        best = min(settled + finer, key=_select)
+        falling = []
+        for one, was in zip(finer, before, strict=True):
+            fell = _select(one) / was
+            if _select(best) <= near:  # only a name that is on its way to where a curve is: it may be what that plays
+                goes_on = is_curve(best) and not is_curve(one) and fell * _select(one) < _select(best)
+            else:
+                goes_on = fell < FALLING
+            (falling if goes_on else settled).append(one)
+        if not falling:
             break
     return settled + falling
 
