@@ -188,6 +188,7 @@ def _parameters(effect: Effect, std: Sequence[float]) -> dict[str, Any]:
             "unit": p.unit,
         }
         for p, value, deviation in zip(effect.parameters, effect.values, deviations, strict=True)
+        if not p.aside
     }
 
 

@@ -25,7 +25,7 @@ from ident.links import Links, nearest_links
 from ident.physical import pseudo_inertia
 from ident.robot_text import HEAD, one_line, robot_toml
 from ident.urdf_text import read_inertias, replace_inertias, xml_comment
-from symgen.chain import Chain, Inertia, skew
+from symgen.chain import Chain, Inertia
 from symgen.plan import source_of_J, write_J
 from symgen.robot import Robot
 
@@ -129,7 +129,7 @@ def urdf(arm: Identified, links: Links) -> str:
                     body = inertias[link]
                     assert body is not None
                     bodies[link], scaled[link] = Inertia(share * body.mass, body.com, share * body.I), share
-        bodies[joint.link] = body_of(found)
+        bodies[joint.link] = Inertia.of(found)
     return replace_inertias(arm.urdf, bodies, _urdf_comment(arm, links, scaled))
 
 
@@ -138,14 +138,6 @@ def _share_left(whole: Array, rest: Array) -> float:
     root = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(whole)))
     largest = float(np.linalg.eigvalsh(root @ pseudo_inertia(rest) @ root.T)[-1])
     return 1.0 if largest < 1.0 - REMAINDER else WELDED_SHARE / largest
-
-
-def body_of(parameters: Array) -> Inertia:
-    """Returns the body with these ten parameters (`symgen.chain.PARAMETERS`)."""
-    m, (xx, xy, yy, xz, yz, zz) = parameters[0], parameters[4:]
-    com = parameters[1:4] / m
-    L = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return Inertia(float(m), com, L + m * skew(com) @ skew(com))
 
 
 def _urdf_comment(arm: Identified, links: Links, scaled: Mapping[str, float]) -> str:
@@ -190,7 +182,9 @@ def _closeness(links: Links) -> str:
 
 def identified_chain(chain: Chain, links: Links) -> Chain:
     """Returns the chain with the bodies of `links`."""
-    joints = (replace(joint, inertia=body_of(row)) for joint, row in zip(chain.joints, links.parameters, strict=True))
+    joints = (
+        replace(joint, inertia=Inertia.of(row)) for joint, row in zip(chain.joints, links.parameters, strict=True)
+    )
     return replace(chain, joints=tuple(joints))
 
 

@@ -10,9 +10,11 @@ import numpy as np
 from ident.arm_fit import chi_squared, hold
 from ident.campaign import Array
 from ident.effects.base import Effect, has_forces, only_impedance
+from ident.effects.carried import FARTHEST, Carrying, carrying, shown
 from ident.effects.learned import Learned
 from ident.parts import degrees, united
 from ident.refits import BY_ALL, FAINTLY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
+from ident.scene import known
 
 #: Fall of chi^2 on the records that chose it with which an effect, or another place, is no matter of noise.
 LEAST_GAIN = 40.0
@@ -24,6 +26,11 @@ ELSEWHERE = (0.7, 0.85, 1.1, 1.2, 1.35)
 VALLEY = (0.5, 0.75, 1.35, 2.0)
 #: And from where beside the declared arm one of them is, if it still leaves something.
 STIFFER = (3.0, 10.0, 30.0)
+
+#: Lines at which an effect shows what it carries; share of what it leaves with declared links that it may leave with others.
+SHOWN_AT, MUCH_LESS = 8, 0.5
+#: Times as stiff, or as fast, from where it is fitted again once links may be off.
+HALF_OR_TWICE = (0.5, 2.0)
 
 
 def fully(bench: Bench, state: State) -> State:
@@ -39,7 +46,36 @@ def fully(bench: Bench, state: State) -> State:
             declared = replace(state, minimum=replace(state.minimum, vector=_declared(bench, state)))
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
             state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
-    return _closely(bench, Refit.of(state), excess(bench, state))
+    state = _closely(bench, Refit.of(state), excess(bench, state))
+    return state if excess(bench, state) <= NAMED else _carrying(bench, state)
+
+
+def _carrying(bench: Bench, state: State) -> State:
+    """The model, or one whose last effect carries links that are not the declared ones, if that leaves much less."""
+    last, count = state.effects[-1], len(state.effects[-1].values)
+    if not last.carries or isinstance(last, Carrying):
+        return state
+    p, n = state.problem.parameters(state.minimum.vector), bench.model.chain.n
+    scenes = [state.problem.scene(one, state.effects) for one in state.problem.data]
+    arms = [known(scene, p) for scene in scenes]
+    s = scenes[0].s[np.linspace(0, len(scenes[0].s) - 1, SHOWN_AT).astype(int)]
+    effect = carrying(last, shown(last, s, arms, bool(bench.model.factoring.believed)))
+    more = len(effect.values) - count
+    scales, limits = state.scales + (1.0,) * more, state.limits + ((-FARTHEST, FARTHEST),) * more
+    refit = Refit(np.zeros(0), (*state.effects[:-1], effect), scales, limits)
+    drives = bench.guess.vector()[: 4 * n]
+    vectors = [state.minimum.vector, np.concatenate([drives, state.minimum.vector[4 * n :]])]
+    starts = [replace(refit, vector=np.concatenate([vector, np.zeros(more)])) for vector in vectors]
+    new = lowest(bench, starts)
+    if excess(bench, new) > NAMED:
+        shapes = [k for k, p in enumerate(effect.parameters) if p.relative == "K" or p.unit == "Hz"]
+        new = lowest(
+            bench, [Refit.of(new), *(one for k in shapes for one in _resized(new, effect, [k], HALF_OR_TWICE))]
+        )
+    dof = degrees(bench.split.select)
+    if new.select - dof > MUCH_LESS * (state.select - dof):
+        return state
+    return _closely(bench, Refit.of(new), excess(bench, new))
 
 
 def _closely(bench: Bench, refit: Refit, left: float) -> State:

@@ -52,9 +52,9 @@ class Bench:
         held = [p.whole or p.declared or _drawn_again(e, effects) for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(held, dtype=bool)
-        drawn = np.array([isinstance(e, Learned) for e in effects for _ in e.values], dtype=bool)
-        weight = np.concatenate([np.zeros(problem.base), UNSEEN_HEIGHT * drawn])
-        expected = (np.zeros(len(weight)), weight) if drawn.any() else None
+        weights = [1.0 if p.aside else UNSEEN_HEIGHT * isinstance(e, Learned) for e in effects for p in e.parameters]
+        weight = np.concatenate([np.zeros(problem.base), weights])
+        expected = (np.zeros(len(weight)), weight) if weight.any() else None
         return replace(problem, free=free, turns=turns, workers=self.workers, expected=expected)
 
 
@@ -165,7 +165,7 @@ def without(bench: Bench, state: State, old: Effect, roughly: float = FINELY) ->
 
 
 def same(a: Effect, b: Effect) -> bool:
-    return type(a) is type(b) and a.joint == b.joint
+    return a.joint == b.joint and (type(a) is type(b) or a.name == b.name != "unknown")
 
 
 def excess(bench: Bench, state: State) -> float:

@@ -255,7 +255,8 @@ def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried
 def _finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
     """Candidates fitted finely; while no name is near the noise, those whose chi^2 falls much again and again."""
     near = CLOSE**2 * degrees(bench.split.select)
-    falling, settled = list(tried), []
+    falling: list[Tried] = list(tried)
+    settled: list[Tried] = []
     for _ in range(1 + PATIENCE):
         before = list(map(_select, falling))
         new = all_fitted(bench, [Refit.of(state) for _, state in falling])

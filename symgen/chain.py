@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -47,6 +47,14 @@ class Inertia:
     @staticmethod
     def zero() -> Inertia:
         return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+
+    @staticmethod
+    def of(parameters: Array) -> Inertia:
+        """The body with these ten parameters [10], in the order of `PARAMETERS`."""
+        m, (xx, xy, yy, xz, yz, zz) = float(parameters[0]), parameters[4:]
+        com = parameters[1:4] / m if m else np.zeros(3)
+        L = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return Inertia(m, com, L + m * skew(com) @ skew(com))
 
     @cached_property
     def parameters(self) -> Array:
@@ -145,6 +153,13 @@ class Chain:
     def parameters(self) -> Array:
         """The inertial parameters of all bodies, base to tip [10 n]."""
         return readonly(np.concatenate([joint.inertia.parameters for joint in self.joints]))
+
+    def with_parameters(self, phi: Array) -> Chain:
+        """The same chain, its bodies with the inertial parameters phi [10 n], in the order of `parameters`."""
+        bodies = map(Inertia.of, np.reshape(phi, (-1, 10)))
+        return replace(
+            self, joints=tuple(replace(joint, inertia=body) for joint, body in zip(self.joints, bodies, strict=True))
+        )
 
     @cached_property
     def limits(self) -> Array:

@@ -35,6 +35,7 @@ class Parameter:
     parameter (a frequency, a phase), which has none. `relative` names what `low`, `high` and `sizes` are shares of, see
     `scale`: a size fits a watch and a crane then. A `whole` number is one of `sizes`, or another, and never refined. What
     is `declared` is a number that the fitted arm has of its own: it is told by that, the effect's stays where it vanishes.
+    What is `aside` is nobody's parameter: it is fitted with the effect and not told; it is about zero, give or take 1.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Parameter:
     relative: str = ""
     whole: bool = False
     declared: bool = False
+    aside: bool = False
 
 
 #: What a parameter may be relative to, at the effect's port and joint: rms "torque", "angle" and "rate", the spring's "K",
@@ -152,6 +154,8 @@ class Effect(ABC):
     dry: ClassVar[bool] = False
     #: What of its joint its impedance depends on: "K", or "J", the row of J.
     impedance_of: ClassVar[str] = ""
+    #: It carries links, whose inertia is that of the declared ones: what it is depends on them.
+    carries: ClassVar[bool] = False
     #: Whether a simulation can have it, or not have it.
     injectable: ClassVar[bool] = True
 

@@ -69,12 +69,11 @@ def _weight(arm: Known, link: int, motion: Array | None = None, share: float = 1
     return weighed(arm.chain, arm.posture, arm.gravity, motion[None], link, share, link + 1)
 
 
-@final
 class BaseCompliance(Effect):
     """The base on springs about its origin: it rocks about x and y, and turns about z. Its own inertia is told by the
     frequency `own` at which it would swing without the arm."""
 
-    name, port, scope = "base-compliance", "structure", ("arm",)
+    name, port, scope, carries = "base-compliance", "structure", ("arm",), True
     parameters = (
         Parameter("rock", "Nm/rad", 0.5, 1e4, (10.0, 50.0), zero=None, relative="K"),
         Parameter("turn", "Nm/rad", 0.5, 1e4, (20.0, 100.0), zero=None, relative="K"),
@@ -117,12 +116,11 @@ class BaseCompliance(Effect):
         body.rock(k.tolist(), (k * self["damping"]).tolist(), own.tolist())
 
 
-@final
 class LinkFlexibility(Effect):
     """A link that bends: a `share` of its body and all that it carries turn on a spring at its joint, about the joint's
     axis (across 0) or across it, out of the plane in which the joint moves it (across 1)."""
 
-    name, port, impedance_of = "link-flexibility", "structure", "J"
+    name, port, impedance_of, carries = "link-flexibility", "structure", "J", True
     parameters = (
         Parameter("stiffness", "Nm/rad", 0.05, 1e3, (2.0, 8.0), zero=None, relative="K"),
         Parameter("share", "", 0.05, 0.95, (0.5,), zero=None),
@@ -141,7 +139,7 @@ class LinkFlexibility(Effect):
         return second_order(s, arm, swing, self._sprung(arm), bent(chain, i, self["share"], self._axis(chain)), [i + 1])
 
     def _sprung(self, arm: Known) -> Sprung:
-        k, share, damping, across = self.values
+        k, share, damping, across = self.values[:4]
         i = self.joint
         assert i is not None
         weight = None
@@ -162,7 +160,7 @@ class LinkFlexibility(Effect):
         return Sprung(C, own, np.array([k]), np.array([k * damping]), weight)
 
     def structure(self, body: Body) -> None:
-        k, share, damping, _ = self.values
+        k, share, damping, _ = self.values[:4]
         i = self.joint
         assert i is not None
         body.split(i, share, self._axis(body.chain).tolist(), k, k * damping)

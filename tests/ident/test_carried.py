@@ -1,0 +1,98 @@
+"""What gives and carries links that are not the declared ones: they are found with it, as far as it shows them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosed import ROOT
+
+from ident.bench import simulate
+from ident.diagnose import begin
+from ident.effects.base import Effect, Known
+from ident.effects.carried import Carrying, carrying, shown
+from ident.effects.structure import BaseCompliance, LinkFlexibility
+from ident.frf import estimate
+from ident.minima import fully
+from ident.refits import Refit, excess, fitted
+from symgen.chain import Chain, Inertia
+from symgen.plan import chain_of_robot, make_model
+from symgen.robot import load_robot
+
+ROBOT = load_robot(ROOT / "robots/ypp3")
+S = 2j * np.pi * np.array([2.0, 12.0, 40.0])
+BASE = BaseCompliance(None, (1.5e5, 2.5e5, 60.0, 2e-4))
+BENT = LinkFlexibility(1, (2e4, 0.6, 2e-4, 1.0))
+CELLS = [("joint1", [0, 0.7, 0.5]), ("joint2", [0, 0.6, 0.9]), ("joint2", [0, -0.4, 1.8]), ("joint3", [0, 0.5, 0.3]),
+         ("joint1", [0, 1.4, -1.0]), ("joint2", [0, 0.3, -1.2]), ("joint3", [0, -0.8, 0.7]), ("joint1", [0, -0.3, 2.0]),
+         ("joint2", [0, -0.8, 0.7])]  # fmt: skip
+
+
+def arm(chain: Chain, q: tuple[float, ...]) -> Known:
+    drives = [ROBOT.drive(name) for name in chain.names]
+    N, K, J_m, D, D_spring = (np.array([getattr(d, f) for d in drives]) for f in ("N", "K", "J_m", "D", "D_spring"))
+    J = make_model(chain, believe_zeros=True).J_cad(np.array([q]))[0]
+    return Known(N, K, J_m, D, D_spring, J, np.array(q), 1000.0, chain=chain, gravity=np.asarray(ROBOT.gravity))
+
+
+def heavier(chain: Chain, shares: tuple[float, ...], longer: tuple[float, ...]) -> Chain:
+    """The arm with links heavier by shares, and their centres of mass farther out."""
+    bodies = [j.inertia for j in chain.joints]
+    off = [
+        Inertia((1 + m) * b.mass, (1 + x) * b.com, (1 + m) * b.I)
+        for b, m, x in zip(bodies, shares, longer, strict=True)
+    ]
+    return replace(chain, joints=tuple(replace(j, inertia=b) for j, b in zip(chain.joints, off, strict=True)))
+
+
+@pytest.mark.parametrize("effect", [BASE, BENT])
+def test_it_carries_the_links_that_it_says(effect: Effect) -> None:
+    chain = chain_of_robot(ROBOT)
+    here = arm(chain, (0.0, 0.4, 0.9))
+    directions = 0.1 * np.random.default_rng(2).normal(size=(30, 2)) * chain.parameters[:, None]
+    found = carrying(effect, directions)
+    np.testing.assert_array_equal(found.impedance(S, here), effect.impedance(S, here))
+    off = found.with_values((*effect.values, 1.0, -2.0))
+    other = replace(here, chain=chain.with_parameters(chain.parameters + directions @ [1.0, -2.0]))
+    np.testing.assert_array_equal(off.impedance(S, here), effect.impedance(S, other))
+    assert (off.name, off.joint, off.port, off["damping"]) == (effect.name, effect.joint, effect.port, 2e-4)
+
+
+@pytest.mark.parametrize("effect", [BASE, BENT])
+def test_links_may_be_off_in_all_ways_that_it_shows_and_in_no_other(effect: Effect) -> None:
+    chain = chain_of_robot(ROBOT)
+    arms = [arm(chain, q) for q in ((0.0, 0.4, 0.9), (0.0, -1.1, 2.0), (0.0, 1.5, -0.4))]
+    directions = shown(effect, S, arms, True)
+    assert 2 <= directions.shape[1] <= 12
+
+    def change(to: Chain) -> np.ndarray:
+        Z = [effect.impedance(S, replace(a, chain=c)) for a in arms for c in (chain, to)]
+        return np.concatenate([(b - a).ravel() for a, b in zip(Z[::2], Z[1::2], strict=True)])
+
+    off = heavier(chain, (1e-3, -2e-3, 1.5e-3), (1e-3, 1e-3, -1e-3))
+    best = np.linalg.lstsq(directions, off.parameters - chain.parameters, rcond=None)[0]
+    columns = np.array([change(chain.with_parameters(chain.parameters + 1e-3 * d)) for d in directions.T]).T / 1e-3
+    columns, wanted = (np.concatenate([x.real, x.imag]) for x in (columns, change(off)))
+    best = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    assert np.linalg.norm(columns @ best - wanted) < 0.02 * np.linalg.norm(wanted)
+
+
+def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing() -> None:
+    chain = chain_of_robot(ROBOT)
+    short = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, band=(2.0, 120.0), periods=4))
+    true = heavier(chain, (0.05, -0.06, 0.04), (-0.02, 0.03, 0.02))
+    campaign = simulate(chain, short, CELLS, truth=true, effects=[BASE], workers=1)
+    begun = begin(
+        campaign, make_model(chain, believe_zeros=True), tuple(estimate(r, campaign) for r in campaign.records)
+    )
+    bench = begun.bench
+    limits = tuple((0.2 * v, 5.0 * v) for v in BASE.values)
+    vector = np.concatenate([bench.guess.vector(), BASE.values])
+    declared = fitted(bench, Refit(vector, (BASE,), BASE.values, limits))
+    assert excess(bench, declared) > 3.0
+    found = fully(bench, declared)
+    (effect,) = found.effects
+    assert isinstance(effect, Carrying) and effect.name == "base-compliance"
+    assert excess(bench, found) < 1.2
+    np.testing.assert_allclose(effect.values[:3], BASE.values[:3], rtol=0.02)
