@@ -206,6 +206,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
         "port": e.port,
         "declared": False,
         "parameters": _parameters(e, added.std),
+        "links_fitted": sum(p.aside for p in e.parameters),
         "before": added.before,
         "after": added.after,
         "evidence": {

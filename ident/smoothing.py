@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 from numpy.linalg import norm
@@ -21,6 +22,7 @@ from ident.effects.base import Effect, Law
 from ident.effects.motion import Motion
 from ident.frf import Complex
 from ident.likely_motion import Force, Forces, Key, LikelyMotion
+from ident.marching import marched
 from ident.scene import Scene
 from ident.whitening import Powers
 
@@ -39,8 +41,9 @@ STOPS = 2
 RIDGE = 1e-4
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
-#: chi^2 per degree of freedom below which no other force is looked for.
-EXPLAINED = 2.0
+#: chi^2 per degree of freedom below which no other force is looked for; nor, of one that rattles, another period, and these at most,
+#: told by so many times fewer samples.
+EXPLAINED, FITS, PERIODS, COARSER = 2.0, 1.1, 10, 4
 #: Steps to the velocity at which a law has a force, each along a tangent as wide as this share of the velocities.
 TANGENTS, TANGENT = 12, 1e-6
 #: Share of the largest torque to which that force is found.
@@ -295,7 +298,35 @@ def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, 
             best, least = F, change
         if not DIVERGED * least > change > SETTLED * size:
             break
+    if least > SETTLED * size and np.array_equal(F, force(x, 0.0 * v)):
+        return _marched(
+            arm, key, on, best, (x, x0, Y), lambda x: force(x, 0.0 * x), load / K if port == "spring" else mean, K
+        )
     return Force.of(scene, best)
+
+
+def _marched(
+    arm: LikelyMotion, key: Key, on: Forces, found: Array, motion: tuple[Array, Complex, Complex], law: Callable[[Array], Array],
+    rest: float, K: float,
+) -> Force:  # fmt: skip
+    """The force of a law of position at a port, as `found` [S] in turns that did not settle, or that of the period marched from there
+    that explains the record best; `motion` about how the port moves [S], what it does alone, and what a force makes of it, at the lines.
+    It rests at `rest`; a spring yields on the mean by 1/K."""
+    scene, (x, x0, Y) = arm.scene, motion
+    S = scene.samples // COARSER
+    alone, gives = np.zeros((2, S // 2 + 1), dtype=complex)
+    alone[0], alone[scene.lines] = S * rest, x0 * (S / 2)
+    gives[0], gives[scene.lines] = -1.0 / K if key[0] == "spring" else 0.0, Y
+    best = Force.of(scene, found)
+    least = arm.misfit(on | {key: best})
+    for force in islice(marched(np.fft.irfft(alone, S), np.fft.irfft(gives, S), law, x, found[::COARSER]), PERIODS):
+        tried = Force.of(scene, force)
+        misfit = arm.misfit(on | {key: tried})
+        if misfit < least:
+            best, least = tried, misfit
+        if least < FITS * arm.degrees:
+            break
+    return best
 
 
 def _met(friction: Friction, g: float, w: Array, v: Array) -> tuple[Array, Array]:

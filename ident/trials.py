@@ -16,6 +16,7 @@ from ident.minima import LEAST_GAIN, NAMED, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
     FINELY,
+    FULLY,
     HASTILY,
     Bench,
     Refit,
@@ -43,6 +44,8 @@ AHEAD = 0.03
 UNLIKELY = 0.1
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
 FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
+#: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
+PATIENT, STILL = 8, 0.9
 #: An effect earns its place with this share of what was in excess, besides `LEAST_GAIN`.
 LEAST_SHARE = 0.2
 #: A learned curve takes a name's place where it leaves less than this share of what the name leaves.
@@ -222,7 +225,7 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     best_name = min((one for one in found if not is_curve(one)), key=_select, default=None)
     if best_name is None:
         return found
-    better = _otherwise(bench, best_name[1], progress)
+    better = _wound_up(bench, _otherwise(bench, best_name[1], progress), progress)
     far = not explains(bench, better, first) or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
     curve = min((_select(one) for one in found if is_curve(one)), default=np.inf)
     if far and curve > UNLIKELY * better.select:
@@ -295,6 +298,22 @@ def _best_names(tried: Sequence[Tried]) -> list[Tried]:
 def winds_up(effect: Effect) -> bool:
     """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
     return isinstance(effect, Law) and not effect.linear and not effect.dry
+
+
+def _wound_up(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+    """The model, fitted on while chi^2 falls where a force follows from the motion: each of both leads to the other by little."""
+    if not winds_up(state.effects[-1]):
+        return state
+    for _ in range(PATIENT):
+        if excess(bench, state) <= NAMED:
+            break
+        new = fitted(bench, replace(Refit.of(state), outer=FULLY // 2))
+        progress(f"  on, {told(new.effects[-1])}: {excess(bench, new):.4g}")
+        fell = new.minimum.chi2 < STILL * state.minimum.chi2
+        state = new if fell else state
+        if not fell:
+            break
+    return state
 
 
 def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> State:

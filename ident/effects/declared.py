@@ -98,11 +98,10 @@ class InertialParameters(Effect):
         return _with_body(arm, self.joint, moved)
 
 
-@final
 class GravityStiffness(Effect):
     """Gravity is not as declared: stronger by `share`, or the base tilted about its x and y axes."""
 
-    name, port, declared, scope = "gravity-stiffness", "link", True, ("arm",)
+    name, port, declared, scope, carries = "gravity-stiffness", "link", True, ("arm",), True
     parameters = (
         Parameter("share", "", -1.0, 1.0, (0.1, -0.1), declared=True),
         Parameter("tilt_x", "rad", -np.pi, np.pi, (0.0, 0.2)),
@@ -123,7 +122,7 @@ class GravityStiffness(Effect):
         return result
 
     def _pulls(self, gravity: Array) -> Array:
-        share, x, y = self.values
+        share, x, y = self.values[:3]
         return np.asarray((1.0 + share) * _turned(np.array([x, y, 0.0]), np.asarray(gravity, dtype=float)))
 
 

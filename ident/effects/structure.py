@@ -17,11 +17,10 @@ _DAMPING = Parameter("damping", "s", 0.0, 0.01, (2e-4,), zero=None)
 _TURNS = np.hstack([np.zeros((3, 3)), np.eye(3)])
 
 
-@final
 class LockedJointElasticity(Effect):
     """A joint that the lock holds rigid gives all the same: its link on its own spring, the motor still."""
 
-    name, port = "locked-joint-elasticity", "structure"
+    name, port, carries = "locked-joint-elasticity", "structure", True
     parameters = (Parameter("stiffness", "Nm/rad", 0.05, 100.0, (1.0,), zero=None, relative="K"), _DAMPING)
 
     def impedance(self, s: Complex, arm: Known) -> Complex:
@@ -39,7 +38,7 @@ class LockedJointElasticity(Effect):
         return second_order(s, arm, swing, self._sprung(arm), arm.chain, [i])
 
     def _sprung(self, arm: Known) -> Sprung:
-        stiffness, damping = self.values
+        stiffness, damping = self.values[:2]
         i = self.joint
         assert i is not None
         C, own = _row(arm, i)
