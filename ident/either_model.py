@@ -44,6 +44,10 @@ def diagnose_either(
     simple = begin(campaign, symmetric, responses, workers).diagnosed(progress)
     alone = not general.departs
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
+    if explained and alone and _things(simple) > 1:  # what needs fewer causes is likelier
+        found = general.diagnosed(progress)
+        if _things(found) < _things(simple):
+            return found, notes
     if not explained and (alone or general.left_beside(simple) < BETTER * simple.left):
         found = general.diagnosed(progress)
         if alone or found.left < BETTER * simple.left:
@@ -53,3 +57,8 @@ def diagnose_either(
         "records no better (--no-believe-zeros takes them for unknown"
     )
     return simple, (note + ("; then the records are explained without an effect, too)." if alone else ")."),)
+
+
+def _things(found: Diagnosis) -> int:
+    """How many causes a diagnosis names."""
+    return len(found.end.effects) + len(found.off)

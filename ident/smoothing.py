@@ -86,7 +86,7 @@ def _smoothed(
     best, least = on, arm.misfit(on)
     rubbing: set[Key] = set()
     springy: set[Key] = set()
-    for _ in range(SWEEPS):
+    for sweep in range(SWEEPS):
         before = on
         for key, now in before.items():
             motion = arm.moving(on)
@@ -101,7 +101,7 @@ def _smoothed(
                 on = on | {key: on[key].plus(force)}
             elif springs:
                 springy.add(key)
-                on = on | {key: on[key].plus(_yielding(arm, key, springs, motion, on))}
+                on = on | {key: on[key].plus(_yielding(arm, key, springs, motion, on, sweep == 0))}
         misfit = arm.misfit(on)
         if misfit < least:
             best, least = on, misfit
@@ -263,10 +263,11 @@ def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) 
     return w
 
 
-def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces) -> Force:
+def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces, march: bool) -> Force:
     """The force of `laws` at a port, of the position that it leaves, under the forces `on` besides.
 
-    The best line through force and position is solved for exactly, what is left of the law in turns.
+    The best line through force and position is solved for exactly, what is left of the law in turns; where these do not settle it
+    may be marched.
     """
     scene, (port, k) = arm.scene, key
     joint = int(scene.arm.live[k])
@@ -298,7 +299,7 @@ def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, 
             best, least = F, change
         if not DIVERGED * least > change > SETTLED * size:
             break
-    if least > SETTLED * size and np.array_equal(F, force(x, 0.0 * v)):
+    if march and least > SETTLED * size and np.array_equal(F, force(x, 0.0 * v)):
         return _marched(
             arm, key, on, best, (x, x0, Y), lambda x: force(x, 0.0 * x), load / K if port == "spring" else mean, K
         )

@@ -111,7 +111,7 @@ def hasty(
         declared = _from_declared(bench, state, None, progress)
         yield declared
         if _explaining(bench, declared, first) is None:
-            more = _drawn if _law_leads(declared) else _from_fitted
+            more = _drawn if _law_leads(declared, first) else _from_fitted
             yield more(bench, state, lin, progress)
     else:
         tried = _from_fitted(bench, state, lin, progress)
@@ -196,7 +196,7 @@ def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
     """A name so far ahead of all other candidates that these need not be fitted finely; none if it leaves nothing already, where only
     those near it are; `first` as in `explains`."""
     order = sorted(tried, key=_select)
-    if len(order) < 2 or is_curve(order[0]) or _select(order[0]) > AHEAD * _select(order[1]):
+    if len(order) < 2 or is_curve(order[0]) or _select(order[0]) > min(AHEAD * _select(order[1]), first):
         return None
     return None if explains(bench, order[0][1], first, CLOSE**2) else order[0]
 
@@ -246,7 +246,7 @@ def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried
     if explains(bench, named[0][1], first, CLOSE**2):
         rivals = [one for one in named[:FINALISTS] + (drawn[:1] if left > NAMED else []) if _select(one) <= near]
         return rivals if len(rivals) > 1 or left > NAMED else []
-    if _law_leads(tried):
+    if _law_leads(tried, first):
         return named[:1] + drawn[:1]
     finalists = named[:FINALISTS] + drawn[:1]
     by_curve = drawn and excess(bench, drawn[0][1]) <= NAMED and _select(drawn[0]) <= AHEAD * _select(named[0])
@@ -280,11 +280,13 @@ def _finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None
     return settled + falling
 
 
-def _law_leads(tried: Sequence[Tried]) -> bool:
+def _law_leads(tried: Sequence[Tried], first: float) -> bool:
     """Whether the best of the names is a force and so far ahead of all others that none of these is it; impedances may have been
-    far from their place."""
+    far from their place. None leads that leaves more than `first`, what there is without it."""
     named = _best_names(tried)
-    return len(named) > 1 and only_forces(named[0][0].effect) and _select(named[0]) <= AHEAD * _select(named[1])
+    if len(named) < 2 or _select(named[0]) >= first:
+        return False
+    return only_forces(named[0][0].effect) and _select(named[0]) <= AHEAD * _select(named[1])
 
 
 def _best_names(tried: Sequence[Tried]) -> list[Tried]:

@@ -111,7 +111,16 @@ def test_readme_shows_the_commands_and_the_table_that_there_are() -> None:
     errors = {"all": 0.328, "per_joint": {}, "per_band": {}}
     verdict = {
         "status": "effect-found",
-        "effects": [{"name": "input-delay", "joint": "joint1", "parameters": {}, "rivals": [], "confounded_with": []}],
+        "effects": [
+            {
+                "name": "input-delay",
+                "joint": "joint1",
+                "declared": False,
+                "parameters": {},
+                "rivals": [],
+                "confounded_with": [],
+            }
+        ],
         "unexplained": [],
         "inertia": {"J": {"change_rms": [[None]], "std_after": [[None]]}},
         "error": {"before": errors, "after": errors | {"all": 0.00122}, "noise_floor": 0.00125}

@@ -56,10 +56,10 @@ def test_general_links_beside_what_was_found_leave_as_much() -> None:
 
 
 class Left:
-    """A diagnosis that leaves so much."""
+    """A diagnosis that leaves so much, and has so many declared numbers off."""
 
-    def __init__(self, model: Model, left: float, values: int) -> None:
-        self.model, self.left = model, left
+    def __init__(self, model: Model, left: float, values: int, off: int = 0) -> None:
+        self.model, self.left, self.off = model, left, [None] * off
         self.end = SimpleNamespace(effects=[SimpleNamespace(values=(0.0,) * values)] if values else [])
 
 
@@ -101,3 +101,18 @@ def test_what_takes_fewer_numbers_is_taken(
     found, notes = diagnose_either(campaign(0.0, 1), believe)
     assert bool(found.model.factoring.believed) == believed and len(runs) == tried
     assert bool(notes) == (believed and believe is None)
+
+
+@pytest.mark.parametrize(("by_zeros", "by_general", "believed"), [(0, 1, True), (1, 1, False), (2, 3, True)])
+def test_what_has_fewer_causes_is_taken(
+    monkeypatch: pytest.MonkeyPatch, by_zeros: int, by_general: int, believed: bool
+) -> None:
+    """One effect and so many numbers that are off, or these alone with more constants."""
+
+    def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
+        zeros = bool(model.factoring.believed)
+        found = Left(model, 1.0, int(zeros), by_zeros if zeros else by_general)
+        return SimpleNamespace(departs=False, diagnosed=lambda progress: found)
+
+    monkeypatch.setattr(ident.either_model, "begin", begun)
+    assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
