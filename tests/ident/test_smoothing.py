@@ -15,7 +15,7 @@ from ident.bench import design, head, run
 from ident.coupled import declared_start, problem_of
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb
-from ident.effects.spring import SpringHardening
+from ident.effects.spring import Backlash, SpringHardening
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.scene import Scene
@@ -65,6 +65,11 @@ def test_true_parameters_explain_a_record_with_the_motion_they_make(
     by_measured, by_smoothed = levels(effect, joint, (0.0, 0.4, 0.8))
     assert by_smoothed < smoothed
     assert by_measured > measured
+
+
+def test_play_that_rattles_is_found_by_marching() -> None:
+    """Turns around the period do not settle there: 55 times the noise is left of this record without."""
+    assert levels(Backlash(0, (1.2e-4,)), "joint1", (0.0, 1.57, 0.0))[1] < 5.0
 
 
 def test_the_force_of_friction_is_met_at_one_place_however_it_is_damped() -> None:

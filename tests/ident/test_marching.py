@@ -1,0 +1,56 @@
+"""A force marched instant by instant: that of an integrated oscillator, and of linear algebra where its law is linear."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from ident.marching import marched
+
+S, F0 = 1024, 1.0
+#: An oscillator under two harmonics: mass, damper, spring.
+M, C, K = 1.0, 8.0, 400.0
+PUSH = {1: 60.0 + 0j, 3: 40.0j}
+
+
+def oscillator() -> tuple[np.ndarray, np.ndarray]:
+    """Its position under the push alone, and what a force at one instant does, [S] each; forces are against it."""
+    s = 2j * np.pi * F0 * np.arange(S // 2 + 1)
+    Y = 1.0 / (M * s**2 + C * s + K)
+    push = np.zeros(S // 2 + 1, dtype=complex)
+    for line, amplitude in PUSH.items():
+        push[line] = amplitude * S / 2
+    return np.fft.irfft(Y * push, S), np.fft.irfft(-Y, S)
+
+
+def test_under_a_linear_law_it_is_the_stiffer_oscillator() -> None:
+    alone, gives = oscillator()
+    *_, force = islice(marched(alone, gives, lambda x: 150.0 * x, alone, np.zeros(S)), 12)
+    s = 2j * np.pi * F0 * np.arange(S // 2 + 1)
+    softer, stiffer = (M * s**2 + C * s + k for k in (K, K + 150.0))
+    expected = 150.0 * np.fft.irfft(np.fft.rfft(alone) * softer / stiffer, S)
+    assert np.abs(force - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+def test_a_stop_that_is_hit_is_that_of_an_integrated_oscillator() -> None:
+    def stop(x: np.ndarray) -> np.ndarray:
+        return np.asarray(2000.0 * (np.maximum(x - 0.1, 0.0) + np.minimum(x + 0.1, 0.0)))
+
+    def slopes(t: float, y: np.ndarray) -> list[float]:
+        push = sum((a * np.exp(2j * np.pi * F0 * line * t)).real for line, a in PUSH.items())
+        return [y[1], (push - C * y[1] - K * y[0] - float(stop(y[:1])[0])) / M]
+
+    alone, gives = oscillator()
+    *_, force = islice(marched(alone, gives, stop, alone, np.zeros(S)), 15)
+    t = 14.0 + np.arange(S) / S
+    integrated = solve_ivp(slopes, (0.0, 15.0), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=1e-3)
+    expected = stop(integrated.y[0])
+    assert np.abs(alone).max() > 0.12
+    assert np.std(force - expected) < 0.03 * np.std(expected)
+
+
+def test_it_ends_where_the_motion_leaves_all_bounds() -> None:
+    alone, gives = oscillator()
+    assert len(list(islice(marched(alone, -gives, lambda x: 5e3 * x, alone, np.ones(S)), 50))) < 50

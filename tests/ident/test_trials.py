@@ -1,0 +1,64 @@
+"""Who of those that were tried is looked at further: numbers of chi^2 alone, no arm."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import ident.trials
+from ident.effects.base import Effect
+from ident.effects.friction import LinkCoulomb, MotorCoulomb
+from ident.effects.learned import learned
+from ident.effects.spring import SpringHardening
+from ident.trials import _finely, _law_leads, ahead
+
+DOF = 1000
+CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
+BENCH: Any = SimpleNamespace()
+DRY, HARD = LinkCoulomb(1, (0.1,)), SpringHardening(1, (1e7,))
+
+
+@pytest.fixture(autouse=True)
+def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
+    BENCH.split = SimpleNamespace(select=())
+    monkeypatch.setattr(ident.trials, "degrees", lambda data: DOF)
+    monkeypatch.setattr(ident.trials, "excess", lambda bench, state: state.select / DOF)
+
+
+def one(effect: Effect, level: float) -> Any:
+    state = SimpleNamespace(select=level * DOF, effects=(effect,))
+    return SimpleNamespace(effect=effect, key=(effect.name, effect.joint, effect.port)), state
+
+
+def test_none_leads_that_leaves_more_than_there_is_without_it() -> None:
+    tried = [one(DRY, 260.0), one(MotorCoulomb(1, (0.1,)), 6e4)]
+    assert _law_leads(tried, 1000.0 * DOF) and ahead(BENCH, tried, 1000.0 * DOF) is tried[0]
+    assert not _law_leads(tried, 128.0 * DOF) and ahead(BENCH, tried, 128.0 * DOF) is None
+
+
+@pytest.mark.parametrize(
+    ("falls", "times"),
+    [
+        ([1500.0, 3.9, 0.95], 2),  # a name on its way to where the curve is
+        ([1500.0, 1200.0, 0.95], 1),  # one that is not
+        ([1.95, 1.9, 0.95], 1),
+    ],
+)
+def test_a_name_that_falls_to_where_a_curve_is_goes_on(
+    falls: list[float], times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin, *after = falls
+    levels = {HARD.name: iter(after), CURVE.name: iter([1.7] * 5)}
+    rounds = []
+
+    def fitted(bench: Any, refits: Any) -> list[Any]:
+        rounds.append([e.name for e in refits])
+        return [one(e, next(levels[e.name]))[1] for e in refits]
+
+    monkeypatch.setattr(ident.trials, "all_fitted", fitted)
+    monkeypatch.setattr(ident.trials, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    found = _finely(BENCH, [one(HARD, begin), one(CURVE, 77.0)], lambda line: None)
+    assert len(rounds) == times and len(found) == 2
+    assert rounds[1:] == [[HARD.name]] * (times - 1)
