@@ -7,9 +7,9 @@ which changes the motion that it is of, is found with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice
 
 import numpy as np
 from numpy.linalg import norm
@@ -300,28 +300,28 @@ def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, 
         if not DIVERGED * least > change > SETTLED * size:
             break
     if march and least > SETTLED * size and np.array_equal(F, force(x, 0.0 * v)):
-        return _marched(
-            arm, key, on, best, (x, x0, Y), lambda x: force(x, 0.0 * x), load / K if port == "spring" else mean, K
-        )
+        rest, yields = (load / K, 1.0 / K) if port == "spring" else (mean, 0.0)
+        alone, gives = _by_instants(scene, x0, Y, rest, yields)
+        periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[::COARSER])
+        return _likeliest(arm, key, on, best, islice(periods, PERIODS))
     return Force.of(scene, best)
 
 
-def _marched(
-    arm: LikelyMotion, key: Key, on: Forces, found: Array, motion: tuple[Array, Complex, Complex], law: Callable[[Array], Array],
-    rest: float, K: float,
-) -> Force:  # fmt: skip
-    """The force of a law of position at a port, as `found` [S] in turns that did not settle, or that of the period marched from there
-    that explains the record best; `motion` about how the port moves [S], what it does alone, and what a force makes of it, at the lines.
-    It rests at `rest`; a spring yields on the mean by 1/K."""
-    scene, (x, x0, Y) = arm.scene, motion
+def _by_instants(scene: Scene, x0: Complex, Y: Complex, rest: float, yields: float) -> tuple[Array, Array]:
+    """How a port moves alone, and by a unit force at one instant, [S] each, from amplitudes at the lines; it rests at `rest`, and
+    `yields` to a constant force."""
     S = scene.samples // COARSER
     alone, gives = np.zeros((2, S // 2 + 1), dtype=complex)
     alone[0], alone[scene.lines] = S * rest, x0 * (S / 2)
-    gives[0], gives[scene.lines] = -1.0 / K if key[0] == "spring" else 0.0, Y
-    best = Force.of(scene, found)
-    least = arm.misfit(on | {key: best})
-    for force in islice(marched(np.fft.irfft(alone, S), np.fft.irfft(gives, S), law, x, found[::COARSER]), PERIODS):
-        tried = Force.of(scene, force)
+    gives[0], gives[scene.lines] = -yields, Y
+    return np.fft.irfft(alone, S), np.fft.irfft(gives, S)
+
+
+def _likeliest(arm: LikelyMotion, key: Key, on: Forces, found: Array, more: Iterator[Array]) -> Force:
+    """That of the forces [S] at a port which explains the record best: `found`, or one of `more` until one is enough."""
+    best, least = Force.of(arm.scene, found), np.inf
+    for force in chain([found], more):
+        tried = Force.of(arm.scene, force)
         misfit = arm.misfit(on | {key: tried})
         if misfit < least:
             best, least = tried, misfit
