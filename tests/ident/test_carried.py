@@ -14,7 +14,7 @@ from ident.effects.base import Effect, Known
 from ident.effects.carried import Carrying, carrying, shown
 from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.frf import estimate
-from ident.minima import fully
+from ident.minima import _carrying
 from ident.refits import Refit, excess, fitted
 from symgen.chain import Chain, Inertia
 from symgen.plan import chain_of_robot, make_model
@@ -91,7 +91,7 @@ def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing()
     vector = np.concatenate([bench.guess.vector(), BASE.values])
     declared = fitted(bench, Refit(vector, (BASE,), BASE.values, limits))
     assert excess(bench, declared) > 3.0
-    found = fully(bench, declared)
+    found = _carrying(bench, declared)
     (effect,) = found.effects
     assert isinstance(effect, Carrying) and effect.name == "base-compliance"
     assert excess(bench, found) < 1.2
