@@ -11,8 +11,8 @@ from ident.effects.base import Effect, Law
 from ident.effects.learned import learned
 from ident.minima import LEAST_GAIN, NAMED, fully, told
 from ident.parts import degrees
-from ident.refits import Bench, State, excess, linearised, same, without
-from ident.trials import ALIKE, CLOSE, CURVES, chosen, polished, promising, refitted
+from ident.refits import Bench, State, all_fitted, excess, instead, linearised, same, without
+from ident.trials import ALIKE, CLOSE, CURVES, LEAST_SHARE, chosen, polished, promising, refitted
 
 #: Curves at the port of a name that together do more than this share of what it did, or leave it less than this share of its
 #: size, make it superfluous, if they can.
@@ -25,7 +25,8 @@ NAMES = 6
 class Added:
     """One effect that was added: `before` and `after` held-out errors; `gain` of chi^2 where it was chosen, of `excess`.
 
-    `rivals` are the next best, with the held-out error each leaves; `tied` those that these records do not tell apart.
+    `rivals` are the next best, with the held-out error each leaves; `tied` those that these records do not tell apart; `others` the
+    models with one of them that left hardly more.
     `port_shares` is how much of the excess a free force at each (port, joint) would explain.
     """
 
@@ -38,6 +39,32 @@ class Added:
     rivals: tuple[tuple[Effect, float], ...]
     tied: tuple[Effect, ...]
     port_shares: tuple[tuple[str, int, float], ...]
+    others: tuple[State, ...] = ()
+
+
+def exchanged(
+    bench: Bench, state: State, added: list[Added], progress: Callable[[str], None]
+) -> tuple[State, list[Added]]:
+    """The model with others in the place of earlier effects, where these leave much less now that more is known.
+
+    What two effects leave alone is nearly the same while a third is missing; where something is still left it may be because
+    the wrong one of both was taken.
+    """
+    dof = degrees(bench.split.select)
+    for k, entry in enumerate(added[:-1]):
+        others = [one for one in entry.others if all(not same(one.effects[-1], e) for e in state.effects)]
+        if excess(bench, state) <= NAMED or not others or not any(same(entry.effect, e) for e in state.effects):
+            continue
+        tried = list(all_fitted(bench, [instead(state, entry.effect, one) for one in others]))
+        best = min(tried, key=lambda one: one.select)
+        least = max(LEAST_GAIN, LEAST_SHARE * (state.select - dof))
+        if best.select > state.select - least:
+            continue
+        new = next(e for e in best.effects if all(not same(e, old) for old in state.effects))
+        progress(f"  instead of {told(entry.effect)}, {told(new)}: {excess(bench, best):.4g}")
+        rivals = ((entry.effect, entry.after), *(one for one in entry.rivals if not same(one[0], new)))
+        state, added = best, [*added[:k], replace(entry, effect=new, rivals=rivals, tied=()), *added[k + 1 :]]
+    return state, added
 
 
 def pruned(

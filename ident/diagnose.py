@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.added import Added, pruned, renamed, was_named
+from ident.added import Added, exchanged, pruned, renamed, was_named
 from ident.arm_fit import spectrum
 from ident.campaign import Campaign
 from ident.contradicted import Off, contradicted, merged, of_effect
@@ -67,6 +67,8 @@ from symgen.plan import Model
 MOST_EFFECTS = 4
 #: Rivals whose errors are told.
 RIVALS = 3
+#: Times what an effect leaves that another may leave to be tried in its place later.
+HARDLY_MORE = 2.0
 #: Share of chi^2 on the fitting records that one of two leaves which are looked for together.
 LEADS = 0.5
 #: A learned curve needs this share of all that was in excess to be added.
@@ -219,6 +221,7 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         added += more
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
+        state, added = exchanged(bench, state, added, progress)
         state, added = pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:
             state, added = renamed(bench, state, curve, added, start.select, progress)
@@ -333,6 +336,10 @@ def _entry(
             if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0) and other.effects[-1].name != "unknown"
         ),
         port_shares=port_shares(lin),
+        others=tuple([
+            other for other in rivals
+            if other.effects[-1].name != "unknown" and other.select - dof < HARDLY_MORE * max(new.select - dof, 0.0)
+        ][:RIVALS]),
     )  # fmt: skip
 
 

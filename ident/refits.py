@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ident.arm_fit import Problem, Slides, chi_squared, hold
 from ident.arm_model import Parameters
@@ -154,7 +155,7 @@ def linearised(problem: Problem, vector: Array) -> Linearised:
 def without(bench: Bench, state: State, old: Effect, roughly: float = FINELY) -> State:
     """The model refitted without one of its effects."""
     keep = [k for k, e in enumerate(state.effects) if not same(e, old)]
-    slots = np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects])[:-1])
+    slots = _slots(state)
     use = np.concatenate([slots[k] for k in keep]) if keep else np.zeros(0, dtype=int)
     base = state.problem.base
     vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][use]])
@@ -162,6 +163,21 @@ def without(bench: Bench, state: State, old: Effect, roughly: float = FINELY) ->
         tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use), tuple(state.limits[k] for k in use)
     )  # fmt: skip
     return fitted(bench, Refit(vector, effects, scales, limits, roughly=roughly))
+
+
+def instead(state: State, old: Effect, other: State) -> Refit:
+    """The model to be refitted with the last effect of `other` in the place of one of its own."""
+    parts = [(other, -1) if same(e, old) else (state, k) for k, e in enumerate(state.effects)]
+    values = [of.minimum.vector[of.problem.base :][_slots(of)[k]] for of, k in parts]
+    effects = tuple(of.effects[k] for of, k in parts)
+    scales = tuple(of.scales[i] for of, k in parts for i in _slots(of)[k])
+    limits = tuple(of.limits[i] for of, k in parts for i in _slots(of)[k])
+    return Refit(np.concatenate([state.minimum.vector[: state.problem.base], *values]), effects, scales, limits)
+
+
+def _slots(state: State) -> list[NDArray[np.int64]]:
+    """Where the values of each effect lie among those of all."""
+    return np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects])[:-1])
 
 
 def same(a: Effect, b: Effect) -> bool:

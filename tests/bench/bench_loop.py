@@ -3,6 +3,7 @@
 python tests/bench/bench_loop.py                          all of it (resumable), tests/bench/RESULTS_LOOP.md at its end
 python tests/bench/bench_loop.py --only one --count 30    a quick look: the table on the screen
 python tests/bench/bench_loop.py --case one-1-004         one case again, with all that the diagnosis says on its way
+python tests/bench/bench_loop.py --robot DIR --only one --count 30    draws of another robot
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from typing import Any
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "ident"))
 
-from loop.cases import KINDS_OF_CASE, Case, cases, drawn, truth, twin, write_json
+from loop.cases import KINDS_OF_CASE, OURS, Case, cases, drawn, truth, twin, write_json
 from loop.judge import ASKED, NEAR_CLEAN, bias, judged
 from loop.table import failures, table
 
@@ -64,7 +65,7 @@ def main() -> int:
     records = options.cache / "records" / _fingerprint(*MAKERS)
     if options.case:
         kind, seed, index = options.case.split("-")
-        chosen = [list(cases(kind, int(index) + 1, int(seed)))[-1]]
+        chosen = [list(cases(kind, int(index) + 1, int(seed), _other(options)))[-1]]
         print(json.dumps(_worked(Job(chosen[0], records, results, True), print), indent=1))
         return 0
     kinds = [options.only] if options.only else KINDS_OF_CASE
@@ -84,10 +85,15 @@ def main() -> int:
 
 def _wanted(kind: str, count: int, options: argparse.Namespace) -> list[Case]:
     """The first `count` cases of a kind; where a count of one robot or effect is asked, the first so many that are of it."""
-    some = options.count is not None and (options.robot or options.effect)
-    mine = [case for case in cases(kind, count * RAREST if some else count, options.seed)
-            if options.robot in (None, case.robot) and options.effect in (None, case.name)]  # fmt: skip
+    some = options.count is not None and (options.robot in OURS or options.effect)
+    mine = [case for case in cases(kind, count * RAREST if some else count, options.seed, _other(options))
+            if (_other(options) or options.robot in (None, case.robot)) and options.effect in (None, case.name)]  # fmt: skip
     return mine[:count]
+
+
+def _other(options: argparse.Namespace) -> str:
+    """The directory of a robot that is none of ours; with a cache of its own: a case's name does not say the robot."""
+    return "" if options.robot in (None, *OURS) else str(Path(options.robot).resolve())
 
 
 def _options() -> argparse.Namespace:
@@ -95,7 +101,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--only", choices=KINDS_OF_CASE)
     parser.add_argument("--count", type=int)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--robot", choices=("ypp3", "arm6"))
+    parser.add_argument("--robot", help="draws of this robot only: ypp3, arm6 or the directory of another")
     parser.add_argument("--effect", help="draws of this effect only")
     parser.add_argument("--case", help="one case by its id, with the diagnosis' own words")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
@@ -169,7 +175,7 @@ def blind(file: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _entry(case: Case, true: list[dict[str, Any]]) -> dict[str, Any]:
-    return {"id": case.id, "kind": case.kind, "robot": case.robot, "truth": true, "name": case.name, "effects": [],
+    return {"id": case.id, "kind": case.kind, "robot": Path(case.robot).name, "truth": true, "name": case.name, "effects": [],
             "status": "", "scores": {}, "said": [], "seconds": 0.0, "cpu": 0.0}  # fmt: skip
 
 

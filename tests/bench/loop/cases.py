@@ -33,10 +33,12 @@ from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import Drive, Robot, load_robot
 
 ROBOTS = Path(__file__).parents[3] / "robots"
+#: Those that are drawn; any other is asked for.
+OURS = ("ypp3", "arm6")
 #: Records of half a second and more a line: 2 s a period, of which the last are steady.
 F0, PERIODS = 0.5, 5
-#: How often the plan is measured: three kinds of record need more than one of a joint.
-TIMES = {"ypp3": 2, "arm6": 1}
+#: How often the plan is measured: three kinds of record need more than one of a joint; a plan of so many records has that.
+TIMES, ENOUGH = 2, 20
 #: One draw in so many is of the large arm.
 LARGE = 12
 KINDS_OF_CASE = ("clean", "one", "two", "outside")
@@ -89,8 +91,11 @@ class Drawn:
     draws: int
 
 
-def cases(kind: str, count: int, seed: int) -> Iterator[Case]:
-    """The first `count` cases of a kind: effects by turns in an order of their own, every `LARGE`th on the large arm."""
+def cases(kind: str, count: int, seed: int, robot: str = "") -> Iterator[Case]:
+    """The first `count` cases of a kind: effects by turns in an order of their own, every `LARGE`th on the large arm.
+
+    robot: the directory of another one, of which all are.
+    """
     names = {
         "one": [n for n in RANGES if n not in SILENT],
         "outside": list(OUTSIDE_RANGES),
@@ -101,8 +106,8 @@ def cases(kind: str, count: int, seed: int) -> Iterator[Case]:
         order += [str(name) for name in rng.permutation(names)]
     for k in range(count):
         lock = "rigid" if order[k] in RIGID else "dob"
-        robot = "arm6" if k % LARGE == LARGE - 1 and lock == "dob" else "ypp3"
-        yield Case(kind, k, seed, robot, lock, order[k], seed * 1000 + k, _otherwise(kind, k, order[k]))
+        usual = "arm6" if k % LARGE == LARGE - 1 and lock == "dob" else "ypp3"
+        yield Case(kind, k, seed, robot or usual, lock, order[k], seed * 1000 + k, _otherwise(kind, k, order[k]))
 
 
 def _otherwise(kind: str, index: int, name: str) -> bool:
@@ -117,12 +122,17 @@ def twin(case: Case) -> Case:
 
 @cache
 def arm(name: str) -> tuple[Robot, Chain, Model, tuple[tuple[str, np.ndarray], ...]]:
-    """A robot with short records, its chain, its model and the cells that are measured."""
+    """A robot of ours or of a directory, with short records; its chain, its model and the cells that are measured."""
     robot = load_robot(ROBOTS / name)
     robot = replace(robot, experiment=replace(robot.experiment, f0=F0, periods=PERIODS))
     chain = chain_of_robot(robot)
-    cells = tuple((cell.joint, np.asarray(cell.q)) for cell in plan_of_robot(robot).cells) * TIMES[name]
-    return robot, chain, make_model(chain, believe_zeros=robot.believe_zeros), cells
+    cells = tuple((cell.joint, np.asarray(cell.q)) for cell in plan_of_robot(robot).cells)
+    return (
+        robot,
+        chain,
+        make_model(chain, believe_zeros=robot.believe_zeros),
+        cells * (TIMES if len(cells) < ENOUGH else 1),
+    )
 
 
 def built(case: Case) -> Arm:
@@ -203,7 +213,8 @@ def _shown(case: Case) -> tuple[Drawn, Campaign]:
 def _two(case: Case, cache_directory: Path) -> tuple[Drawn, Campaign]:
     """Two effects of single draws of the same arm, each of which shows alone, and that can be told apart."""
     rng, n = case.rng(), arm(case.robot)[1].n
-    singles = [one for one in cases("one", SINGLES, case.seed)
+    other = "" if case.robot in OURS else case.robot
+    singles = [one for one in cases("one", SINGLES, case.seed, other)
                if (one.robot, one.lock) == (case.robot, case.lock) and not (case.built and one.name in DECLARED)]  # fmt: skip
     pairs = list(combinations(singles, 2))
     for draws, k in enumerate(rng.permutation(len(pairs))[:DRAWS].tolist(), 1):
