@@ -302,15 +302,17 @@ def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, 
     if march and least > SETTLED * size and np.array_equal(F, force(x, 0.0 * v)):
         rest, yields = (load / K, 1.0 / K) if port == "spring" else (mean, 0.0)
         alone, gives = _by_instants(scene, x0, Y, rest, yields)
-        periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[::COARSER])
+        periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[:: scene.samples // len(alone)])
         return _likeliest(arm, key, on, best, islice(periods, PERIODS))
     return Force.of(scene, best)
 
 
 def _by_instants(scene: Scene, x0: Complex, Y: Complex, rest: float, yields: float) -> tuple[Array, Array]:
     """How a port moves alone, and by a unit force at one instant, [S] each, from amplitudes at the lines; it rests at `rest`, and
-    `yields` to a constant force."""
-    S = scene.samples // COARSER
+    `yields` to a constant force. S is a whole part of the scene's samples that tells all of its lines."""
+    S = scene.samples
+    while S > scene.samples // COARSER and S // 4 > scene.lines[-1]:
+        S //= 2
     alone, gives = np.zeros((2, S // 2 + 1), dtype=complex)
     alone[0], alone[scene.lines] = S * rest, x0 * (S / 2)
     gives[0], gives[scene.lines] = -yields, Y

@@ -146,10 +146,20 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable
         likely = promising(bench, likely, LEAST_SHARE * max(state.select - degrees(bench.split.select), 1.0))
     else:
         likely = [c for k, c in enumerate(likely) if c.gain > LEAST_SHARE * _left(state, lin) or k < most // 2]
-    tried = refitted(bench, state, [(c, lin) for c in likely], progress)
+    tried = _nearest_finely(bench, refitted(bench, state, [(c, lin) for c in likely], progress), progress)
     if all(excess(bench, new) > NAMED for _, new in tried):
         tried += _drawn(bench, state, lin, progress)
     return tried
+
+
+def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, the best fitted finely where it is near the noise: it may leave nothing, and nothing else need be tried."""
+    best = min(tried, key=_select, default=None)
+    if best is None or not NAMED < excess(bench, best[1]) <= CLOSE**2:
+        return tried
+    state = fitted(bench, Refit.of(best[1]))
+    progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+    return [(one[0], state) if one is best else one for one in tried]
 
 
 def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ from ident.effects.spring import Backlash, SpringHardening
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.scene import Scene
-from ident.smoothing import TURNS, _in_turns
+from ident.smoothing import TURNS, _by_instants, _in_turns
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 
@@ -125,3 +127,15 @@ def test_friction_in_turns_is_that_of_an_integrated_mass() -> None:
     stuck = np.abs(true.y[0]) < creep / 10
     assert 0.05 < stuck.mean() < 0.9
     assert slope[stuck].min() > 0.9 * level / creep > 10 * slope[np.abs(true.y[0]) > 5 * creep].max()
+
+
+@pytest.mark.parametrize(("last", "samples", "told"), [(1000, 8192, 2048), (4097, 32768, 16384), (2000, 32768, 8192)])
+def test_instants_tell_every_line_of_a_scene(last: int, samples: int, told: int) -> None:
+    rng = np.random.default_rng(0)
+    lines = np.array([1, 7, last])
+    scene: Any = SimpleNamespace(samples=samples, lines=lines)
+    x0, Y = rng.normal(size=(2, 3)) + 1j * rng.normal(size=(2, 3))
+    alone, gives = _by_instants(scene, x0, Y, rest=0.5, yields=0.2)
+    assert len(alone) == len(gives) == told
+    assert np.allclose(np.fft.rfft(alone)[lines] * 2 / told, x0) and np.isclose(alone.mean(), 0.5)
+    assert np.allclose(np.fft.rfft(gives)[lines], Y) and np.isclose(gives.sum(), -0.2)
