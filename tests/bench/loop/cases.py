@@ -35,8 +35,8 @@ from symgen.robot import Drive, Robot, load_robot
 ROBOTS = Path(__file__).parents[3] / "robots"
 #: Those that are drawn; any other is asked for.
 OURS = ("ypp3", "arm6")
-#: Records of half a second and more a line: 2 s a period, of which the last are steady.
-F0, PERIODS = 0.5, 5
+#: Lines apart [Hz] by turns, and periods, of which the last are steady.
+GRIDS, PERIODS = (0.5, 0.2, 0.5, 0.8), 5
 #: How often the plan is measured: three kinds of record need more than one of a joint; a plan of so many records has that.
 TIMES, ENOUGH = 2, 20
 #: One draw in so many is of the large arm.
@@ -60,7 +60,7 @@ TRIES, LARGER, SMALLER, DRAWS = 3, 2.0, 0.6, 6
 class Case:
     """One draw of the study; `name` the effect's where it has one, `records` the seed of its excitation and noise.
 
-    `built`: the drives and links of the arm are not the declared ones, by `BUILT`, drawn from `records`.
+    `f0` [Hz] apart are its lines. `built`: the drives and links of the arm are not the declared ones, by `BUILT`, drawn from `records`.
     """
 
     kind: str
@@ -70,7 +70,8 @@ class Case:
     lock: str
     name: str
     records: int
-    built: bool = False
+    f0: float
+    built: bool
 
     @property
     def id(self) -> str:
@@ -107,12 +108,19 @@ def cases(kind: str, count: int, seed: int, robot: str = "") -> Iterator[Case]:
     for k in range(count):
         lock = "rigid" if order[k] in RIGID else "dob"
         usual = "arm6" if k % LARGE == LARGE - 1 and lock == "dob" else "ypp3"
-        yield Case(kind, k, seed, robot or usual, lock, order[k], seed * 1000 + k, _otherwise(kind, k, order[k]))
+        yield Case(
+            kind, k, seed, robot or usual, lock, order[k], seed * 1000 + k, _grid(k), _otherwise(kind, k, order[k])
+        )
 
 
 def _otherwise(kind: str, index: int, name: str) -> bool:
     """Whether an arm is built otherwise than declared: every second one, but where the effect is that it is."""
     return kind != "clean" and index % 2 == 1 and name not in DECLARED
+
+
+def _grid(index: int) -> float:
+    """How far apart [Hz] lines are: by turns, as often of an arm built otherwise as of another."""
+    return GRIDS[index // 2 % len(GRIDS)]
 
 
 def twin(case: Case) -> Case:
@@ -124,7 +132,7 @@ def twin(case: Case) -> Case:
 def arm(name: str) -> tuple[Robot, Chain, Model, tuple[tuple[str, np.ndarray], ...]]:
     """A robot of ours or of a directory, with short records; its chain, its model and the cells that are measured."""
     robot = load_robot(ROBOTS / name)
-    robot = replace(robot, experiment=replace(robot.experiment, f0=F0, periods=PERIODS))
+    robot = replace(robot, experiment=replace(robot.experiment, f0=GRIDS[0], periods=PERIODS))
     chain = chain_of_robot(robot)
     cells = tuple((cell.joint, np.asarray(cell.q)) for cell in plan_of_robot(robot).cells)
     return (
@@ -160,6 +168,7 @@ def built(case: Case) -> Arm:
 def measured(case: Case, effects: Sequence[Effect]) -> Campaign:
     """The records of a case. ExperimentError: the arm falls, or can not have the effects."""
     robot, chain, _, cells = arm(case.robot)
+    robot = replace(robot, experiment=replace(robot.experiment, f0=case.f0))
     true = built(case)
     return simulate(
         chain, robot, cells, lock=case.lock, seed=case.records, truth=true.chain, truth_drives=true.drives, effects=effects,
