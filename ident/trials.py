@@ -159,6 +159,7 @@ def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], 
         return tried
     state = fitted(bench, Refit.of(best[1]))
     progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+    state = _otherwise(bench, state, progress)
     return [(one[0], state) if one is best else one for one in tried]
 
 
