@@ -157,7 +157,7 @@ class Begun:
         found, contradictions = state, () if left else contradicted(bench, state)
         state, off = merged(bench, state, contradictions)
         state = settled(bench, state)
-        start = state if found is start else start
+        start = state if found is start else _better(start, added)
         before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
         if added:
             added[-1] = replace(added[-1], after=after.all)
@@ -174,6 +174,12 @@ class Begun:
         return Diagnosis(
             campaign, model, self.responses, bench.split, start, state, final, off, before, after, left, status
         )
+
+
+def _better(start: State, added: Sequence[Added]) -> State:
+    """The arm without effects, as it was fitted best: from what is declared, or from where the first effect has led it."""
+    others = [one.besides for one in added[:1] if one.besides is not None and not one.besides.effects]
+    return min([start, *others], key=lambda state: state.select)
 
 
 def begin(campaign: Campaign, model: Model, responses: tuple[Frf, ...], workers: int = 1) -> Begun:
@@ -336,6 +342,7 @@ def _entry(
             if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0) and other.effects[-1].name != "unknown"
         ),
         port_shares=port_shares(lin),
+        besides=state,
         others=tuple([
             other for other in rivals
             if other.effects[-1].name != "unknown" and other.select - dof < HARDLY_MORE * max(new.select - dof, 0.0)

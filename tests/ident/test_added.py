@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 import ident.added
 from ident.added import Added, exchanged
+from ident.diagnose import _better
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorStribeck
 from ident.effects.motor import InputDelay, TorqueLag
@@ -68,3 +70,11 @@ def test_what_was_tied_takes_the_place_of_what_leaves_more_once_more_is_known(
     said = [(one.effect, one.tied, one.rivals) for one in entries]
     first = (LAG, (), ((DELAY, 0.05),)) if taken else (DELAY, (LAG,), ((LAG, 0.06),))
     assert said == [first, (DRY, (), ())]
+
+
+def test_the_arm_without_effects_is_the_one_that_was_fitted_best() -> None:
+    declared, led = state(90.0), state(60.0)
+    assert _better(declared, []) is declared
+    assert _better(declared, [replace(entry(DELAY), besides=led), entry(DRY)]) is led
+    assert _better(declared, [replace(entry(DELAY), besides=state(95.0))]) is declared
+    assert _better(declared, [replace(entry(DELAY), besides=state(1.0, DRY))]) is declared
