@@ -25,6 +25,9 @@ SOFTER = 4.0
 ROUGHLY = 0.01
 #: Share of chi^2 to which it comes back when motions with dry friction, found in turns, are found again.
 TURNED = 1e-3
+#: Share of the chi^2 with which the last descent began that one before it had, which then is better: another motion was found
+#: since, and the way from there leads elsewhere.
+LOST = 0.8
 
 
 @dataclass(frozen=True)
@@ -47,12 +50,16 @@ def minimise(
     `roughly` ends each descent where chi^2 falls by less than this share, or after `FEW` steps, and all of it where one
     changes chi^2 by less.
     """
-    converged, winding, damping, chi2, last = False, False, 1e-3, np.inf, np.inf
+    converged, winding, damping, chi2, last, begun = False, False, 1e-3, np.inf, np.inf, np.inf
     information = np.zeros((len(vector), len(vector)))
+    best: Minimum | None = None
     for doubt in (*doubts, *[0.0] * outer):
         held = hold(problem, vector, doubt)
         problem = replace(problem, slid=slides(problem, held))
         chi2, slope, information = normal_equations(problem, vector, held)
+        if not doubt and (best is None or chi2 < best.chi2):
+            best = Minimum(vector, information, chi2, False, problem.slid)
+        begun = chi2
         begin, settled, damping = vector, False, min(damping, 1e-3)
         for _ in range(FEW if roughly else INNER):
             for refused in range(TRIALS):
@@ -84,6 +91,8 @@ def minimise(
             converged = True
             break
         last = np.inf if doubt else chi2
+    if best is not None and not converged and best.chi2 < LOST * begun:
+        return best
     return Minimum(vector, information, chi2, converged, problem.slid)
 
 

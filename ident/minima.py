@@ -94,7 +94,7 @@ def settled(bench: Bench, state: State) -> State:
         return state
     both = replace(bench, split=replace(bench.split, fit=united(*bench.split.fit, *bench.split.select)))
     new = fitted(both, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
-    return replace(new, select=state.select) if np.isfinite(new.minimum.chi2) else state
+    return replace(new, select=state.select) if new.select < state.select + LEAST_GAIN else state
 
 
 def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
