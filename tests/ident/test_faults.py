@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.bench import simulate
+from ident.bench import design, head, run, simulate
 from ident.campaign import Campaign, Record
 from ident.effects.catalogue import parse
 from ident.errors import IdentError
@@ -54,6 +54,7 @@ def off(chain: Chain, by: float, rng: np.random.Generator) -> Chain:
 
 def clean(name: str, lock: str = "dob", wrong: bool = False, every: bool = False) -> Campaign:
     """With torque noise and encoders; `wrong`: links off by 30 %, K by 30 %, J_m by 10 %. Some joints, or `every` one."""
+    every = every and name not in ("ypp3", "ypp3_general")  # of three joints some are all
     return _clean(name, lock, wrong, every)  # a cache tells calls apart by how they are written, too
 
 
@@ -133,8 +134,9 @@ def test_an_effect_of_the_arm_is_no_fault_of_the_recording(effect: str) -> None:
     chain = chain_of_robot(robot)
     drives = [robot.drive(joint) for joint in chain.names]
     effects = [parse(f"{effect}@{joint}", drives) for joint in chain.names]
-    campaign = simulate(chain, robot, cells(chain)[2:], lock="rigid", seed=5, workers=1, effects=effects)
-    assert found(campaign) == ()
+    (job,) = design(chain, robot, cells(chain)[2:], lock="rigid", seed=5, effects=effects)
+    record = run(replace(job, setup=replace(job.setup, periods=job.setup.settle + 2)))
+    assert found(head(chain, robot, (record,), lock="rigid")) == ()
 
 
 def test_unknown_drives_are_no_fault_and_hide_none_at_rest() -> None:

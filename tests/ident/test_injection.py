@@ -164,8 +164,7 @@ def test_what_gives_is_pushed_at_twice_its_lines(
     text: str, joint: int, lock: str, left_of_it: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     effect = parse(text, QUIET.drives)
-    wide = replace(QUIET, experiment=replace(SHORT, swing=0.01, periods=6))
-    c = run([effect], joint, lock, wide)
+    c = run([effect], joint, lock, replace(QUIET, experiment=replace(SHORT, swing=0.01)))
     left, theta = unexplained(effect, c)
     monkeypatch.setattr(type(effect), "second_order", Effect.second_order)
     without, _ = unexplained(effect, c)
