@@ -76,7 +76,12 @@ def for_target(model: Model, robot: Robot, cells: Sequence[tuple[str, ArrayLike]
 
 
 def _with_spacing(
-    model: Model, robot: Robot, cells: Sequence[tuple[str, ArrayLike]], target: float, lock: str, seed: int,
+    model: Model,
+    robot: Robot,
+    cells: Sequence[tuple[str, ArrayLike]],
+    target: float,
+    lock: str,
+    seed: int,
     best: Precision | None,
 ) -> Precision | None:
     """The shortest campaign with the robot's own line spacing; None where it is no shorter than the `best`."""
