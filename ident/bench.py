@@ -11,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from math import isfinite, pi
+from multiprocessing.context import BaseContext
 from typing import TypeVar
 
 import mujoco
@@ -172,7 +173,7 @@ def in_parallel(work: Callable[[_In], _Out], items: Sequence[_In], workers: int)
     if workers <= 1:
         yield from map(work, items)
         return
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_follow_parent)
+    pool = ProcessPoolExecutor(workers, _fresh(work.__module__), initializer=_follow_parent)
     try:
         yield from pool.map(work, items)
     except BrokenProcessPool:
@@ -182,6 +183,15 @@ def in_parallel(work: Callable[[_In], _Out], items: Sequence[_In], workers: int)
         ) from None
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _fresh(module: str) -> BaseContext:
+    """How workers begin that know nothing of this process; where the system can, `module` is imported once for all of them."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([module])
+    return context
 
 
 def _follow_parent() -> None:

@@ -61,25 +61,33 @@ def for_target(model: Model, robot: Robot, cells: Sequence[tuple[str, ArrayLike]
                seed: int = 0) -> Precision:  # fmt: skip
     """Returns the campaign of `cells` that takes least robot time for a standard deviation of J(q) of `target`, relative to
     sqrt(J_ii J_jj), at any entry and posture. ExperimentError: out of reach, or as `design.prepare` says."""
-    e, found, reasons = robot.experiment, [], []
-    for f0 in dict.fromkeys((e.f0, *SPACINGS)):
+    e, best, reasons = robot.experiment, None, {}
+    for f0 in sorted({e.f0, *SPACINGS}, reverse=True):  # wide ones are quick, and tell what narrow ones have to beat
         if abs(e.fs / f0 - round(e.fs / f0)) > 1e-9 or f0 > e.band[1]:
             continue
         other = replace(robot, experiment=replace(e, f0=f0, band=(max(e.band[0], f0), e.band[1])))
         try:
-            found.append(_with_spacing(model, other, cells, target, lock, seed))
+            best = _with_spacing(model, other, cells, target, lock, seed, best) or best
         except ExperimentError as error:
-            reasons.append(error)
-    if not found:
-        raise reasons[0]
-    return min(found, key=lambda one: one.seconds)
+            reasons[f0] = error
+    if best is None:
+        raise reasons.get(e.f0) or reasons[min(reasons)]
+    return best
 
 
 def _with_spacing(
-    model: Model, robot: Robot, cells: Sequence[tuple[str, ArrayLike]], target: float, lock: str, seed: int
-) -> Precision:
-    """The shortest campaign with the robot's own line spacing."""
-    chain = model.chain
+    model: Model,
+    robot: Robot,
+    cells: Sequence[tuple[str, ArrayLike]],
+    target: float,
+    lock: str,
+    seed: int,
+    best: Precision | None,
+) -> Precision | None:
+    """The shortest campaign with the robot's own line spacing; None where it is no shorter than the `best`."""
+    chain, most = model.chain, np.inf if best is None else best.seconds * robot.experiment.f0
+    if len(cells) * (1 + STEADY) >= most:  # one period at least settles
+        return None
     setups = []
     for (joint, q), cell in zip(cells, np.random.SeedSequence(seed).spawn(len(cells)), strict=True):
         rng = np.random.default_rng(cell.spawn(2)[0])
@@ -96,13 +104,15 @@ def _with_spacing(
     alphas = slice(4 * chain.n, 4 * chain.n + len(model.names))
     size = scale[alphas]
     steady = np.full(len(setups), STEADY)
-    while True:
+    settling = sum(setup.settle for setup in setups)
+    while settling + steady.sum() < most:
         whole = np.einsum("k,kab->ab", steady.astype(float), each)
         covariance, unseen, _ = uncertainty(problem, Minimum(arm.vector(), whole, 0.0, True))
         known = certainty(model, covariance, unseen)
         sigma = float(known.per_entry.max())
         if sigma <= target:
-            break
+            periods = tuple(int(setup.settle + count) for setup, count in zip(setups, steady, strict=True))
+            return Precision(robot, periods, sum(periods) / robot.experiment.f0, sigma)
         i, j = known.worst
         if not np.isfinite(sigma) or steady.max() >= MOST_PERIODS:
             reach = "its records hold no information on it" if not np.isfinite(sigma) else f"{100 * sigma:.2g} %"
@@ -114,8 +124,7 @@ def _with_spacing(
         # the thin direction as the drives follow it: what else must be known to know alpha
         direction = spread @ np.linalg.lstsq(spread[alphas], known.direction / size, rcond=None)[0]
         steady = _more(steady, each, direction, sigma / target)
-    periods = tuple(int(setup.settle + count) for setup, count in zip(setups, steady, strict=True))
-    return Precision(robot, periods, sum(periods) / robot.experiment.f0, sigma)
+    return None
 
 
 def _more(steady: Array, each: Array, direction: Array, excess: float) -> Array:

@@ -6,6 +6,7 @@ import json
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,6 +84,7 @@ def result_document(identification: Identification, precision: Mapping[str, floa
     return found
 
 
+@cache
 def environment() -> Environment:
     """Returns where the pages are made: the templates of this directory and how they write numbers."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined

@@ -159,6 +159,9 @@ class Effect(ABC):
     #: Whether a simulation can have it, or not have it.
     injectable: ClassVar[bool] = True
 
+    #: Where each parameter stands, by its name.
+    _places: ClassVar[Mapping[str, int]] = {}
+
     joint: int | None
     values: tuple[float, ...]
 
@@ -188,8 +191,12 @@ class Effect(ABC):
         """The same effect but for its k-th value."""
         return self.with_values([value if i == k else v for i, v in enumerate(self.values)])
 
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls._places = {p.name: k for k, p in enumerate(getattr(cls, "parameters", ()))}
+
     def __getitem__(self, parameter: str) -> float:
-        return self.values[[p.name for p in self.parameters].index(parameter)]
+        return self.values[self._places[parameter]]
 
     def at_joint(self, values: Any, elsewhere: Any, n: int) -> NDArray[Any]:
         """[.., n]: `values` [..] at the effect's joint, or at all of them, `elsewhere` at the others."""

@@ -8,6 +8,7 @@ against the velocity noise of an encoder.
 
 from __future__ import annotations
 
+from math import tanh
 from typing import Any, final
 
 import numpy as np
@@ -22,7 +23,8 @@ CREEP = 5e-4
 
 def direction(rate: Any, N: float = 1.0) -> Any:
     """The smoothed sign of a velocity; a motor's with its gear ratio N."""
-    return np.tanh(rate / (CREEP * abs(N)))
+    slides = rate / (CREEP * abs(N))
+    return tanh(slides) if isinstance(slides, float) else np.tanh(slides)  # a million floats a simulation
 
 
 def _level(unit: str = "Nm") -> Parameter:
@@ -64,7 +66,7 @@ class MotorQuadraticDrag(Law):
     parameters = (Parameter("drag", "Nms2/rad2", 0.0, 1.0, (0.05,), linear=True, relative="torque/rate^2"),)
 
     def law(self, at: State) -> Any:
-        return -self["drag"] * at.omega * np.abs(at.omega)
+        return -self["drag"] * at.omega * abs(at.omega)
 
 
 @final
@@ -75,7 +77,7 @@ class LoadDependentFriction(Law):
     parameters = (Parameter("share", "", 0.0, 1.0, (0.05, 0.02), linear=True),)
 
     def law(self, at: State) -> Any:
-        return -self["share"] / abs(at.N) * np.abs(at.spring) * direction(at.omega, at.N)
+        return -self["share"] / abs(at.N) * abs(at.spring) * direction(at.omega, at.N)
 
 
 @final

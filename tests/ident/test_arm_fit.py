@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosed import ROOT, campaign, diagnosis
+from diagnosed import CELLS, ROOT, diagnosis
 
 from ident.arm_fit import hold, residual
 from ident.bench import simulate
-from ident.coupled import declared_start, problem_of
+from ident.campaign import Array, Campaign
+from ident.coupled import Start, declared_start, problem_of
 from ident.descent import _step, minimise
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.sensor import JointZeroOffset
 from ident.effects.structure import BaseCompliance, LinkFlexibility
-from ident.evidence import evidence, gravity_basis
+from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import estimate
-from symgen.plan import chain_of_robot, make_model
+from symgen.plan import Model, chain_of_robot, make_model
 from symgen.robot import load_robot
 
 #: Of a large step; forward differences and far aliases leave 1e-4.
@@ -32,14 +34,21 @@ def sized(kind: type[Effect], K: float) -> Effect:
     return kind(1 if "joint" in kind.scope else None, tuple(values))
 
 
+@cache
+def told() -> tuple[Campaign, Model, Array, Evidence, Start]:
+    """One record of an arm that is as declared, and what a fit is given of it."""
+    robot = load_robot(ROOT / "robots/ypp3")
+    chain = chain_of_robot(robot)
+    short = replace(robot, experiment=replace(robot.experiment, f0=1.0, band=(1.0, 100.0), periods=3))
+    c = simulate(chain, short, CELLS[1:2], workers=1)
+    model, frf = make_model(chain, believe_zeros=True), estimate(c.records[0], c)
+    basis = gravity_basis(model, c.gravity)
+    return c, model, basis, evidence(c, model, basis, frf, 0, "every"), declared_start(c, model, (frf,), basis)
+
+
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_derivatives_by_the_arm_are_differences_whatever_acts(name: str) -> None:
-    c = campaign(0.0)
-    model = make_model(chain_of_robot(load_robot(ROOT / "robots/ypp3")), believe_zeros=True)
-    frf = estimate(c.records[1], c)
-    basis = gravity_basis(model, c.gravity)
-    one = evidence(c, model, basis, frf, 1, "every")
-    start = declared_start(c, model, (frf,), basis)
+    c, model, basis, one, start = told()
     effect = sized(CATALOGUE[name], float(start.K[1]))
     many = len(effect.values)
     problem = problem_of(c, model, basis, (one,), start, (effect,), [1e-3] * many, [(-np.inf, np.inf)] * many)

@@ -25,7 +25,7 @@ from symgen.urdf import load_chain
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 GRAVITY = np.array([0.0, 0.0, -9.81])
-LINES = np.arange(3, 240, 4)
+LINES = np.arange(3, 240, 6)
 #: Two joints of the symmetric arm; one posture shows both constants its diagonal has there, the others need the second.
 POSTURES = ([0.3, 0.6], [-0.4, -1.1])
 

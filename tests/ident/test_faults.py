@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.bench import simulate
+from ident.bench import design, head, run, simulate
 from ident.campaign import Campaign, Record
 from ident.effects.catalogue import parse
 from ident.errors import IdentError
@@ -29,7 +29,7 @@ EVERY = ("ypp3", "ypp3_general", "scara4", "arm6", "arm7")
 
 def quick(name: str) -> Robot:
     robot = load_robot(ROBOTS / name)
-    return replace(robot, experiment=replace(robot.experiment, f0=0.5, band=(0.5, 120.0), periods=4))
+    return replace(robot, experiment=replace(robot.experiment, f0=1.0, band=(1.0, 120.0), periods=4))
 
 
 def cells(chain: Chain, seed: int = 0) -> list[tuple[str, np.ndarray]]:
@@ -52,9 +52,14 @@ def off(chain: Chain, by: float, rng: np.random.Generator) -> Chain:
     return replace(chain, joints=tuple(replace(joint, inertia=true(joint.inertia)) for joint in chain.joints))
 
 
-@cache
 def clean(name: str, lock: str = "dob", wrong: bool = False, every: bool = False) -> Campaign:
     """With torque noise and encoders; `wrong`: links off by 30 %, K by 30 %, J_m by 10 %. Some joints, or `every` one."""
+    every = every and name not in ("ypp3", "ypp3_general")  # of three joints some are all
+    return _clean(name, lock, wrong, every)  # a cache tells calls apart by how they are written, too
+
+
+@cache
+def _clean(name: str, lock: str, wrong: bool, every: bool) -> Campaign:
     robot, rng = quick(name), np.random.default_rng(7)
     chain = chain_of_robot(robot)
     truth: dict[str, object] = {}
@@ -129,8 +134,9 @@ def test_an_effect_of_the_arm_is_no_fault_of_the_recording(effect: str) -> None:
     chain = chain_of_robot(robot)
     drives = [robot.drive(joint) for joint in chain.names]
     effects = [parse(f"{effect}@{joint}", drives) for joint in chain.names]
-    campaign = simulate(chain, robot, cells(chain)[2:], lock="rigid", seed=5, workers=1, effects=effects)
-    assert found(campaign) == ()
+    (job,) = design(chain, robot, cells(chain)[2:], lock="rigid", seed=5, effects=effects)
+    record = run(replace(job, setup=replace(job.setup, periods=job.setup.settle + 2)))
+    assert found(head(chain, robot, (record,), lock="rigid")) == ()
 
 
 def test_unknown_drives_are_no_fault_and_hide_none_at_rest() -> None:
@@ -263,7 +269,7 @@ def twice(record: Record, at: int) -> Record:
 @arms
 def test_lost_samples(name: str, lock: str) -> None:
     campaign = clean(name, lock, wrong=True)
-    for at, count in ((4077, 1), (2700, 3), (4000, 40), (6900, 1), (1500, 2)):
+    for at, count in ((4077, 1), (2700, 3), (4000, 40), (4900, 1), (1500, 2)):
         fault = only(found(one_record(campaign, 1, lambda r, a=at, c=count: without(r, a, c))), "lost samples", "")
         assert fault.record == "0002" and f"{count} sample" in fault.line and "missing" in fault.line
         when = float(fault.line.split("after about ")[1].split()[0])
@@ -275,7 +281,7 @@ def test_lost_samples(name: str, lock: str) -> None:
 def test_samples_filled_up_with_the_one_before(name: str) -> None:
     def fill(record: Record) -> Record:
         tau, theta = np.array(record.tau), np.array(record.theta)
-        for at in (4000, 4051, 7700):
+        for at in (4000, 4051, 5700):
             tau[at], theta[at] = tau[at - 1], theta[at - 1]
         return replace(record, tau=tau, theta=theta)
 
@@ -292,7 +298,7 @@ def test_a_torque_or_an_angle_that_is_cut_off(name: str, wrong: bool) -> None:
         return np.clip(values, values.mean() - level, values.mean() + level)
 
     def saturate(values: np.ndarray) -> np.ndarray:
-        return np.minimum(values, values.min() + 0.85 * np.ptp(values))
+        return np.minimum(values, values.min() + 0.92 * np.ptp(values))
 
     def wrap(values: np.ndarray) -> np.ndarray:
         return np.where(values > np.median(values), values - 2 * np.pi, values)
@@ -315,7 +321,7 @@ def test_a_stuck_encoder(name: str) -> None:
         half = one_record(
             campaign,
             own,
-            lambda r, j=j: column(r, "theta", j, lambda x: np.where(np.arange(len(x)) < 5000, x, x[5000])),
+            lambda r, j=j: column(r, "theta", j, lambda x: np.where(np.arange(len(x)) < 3500, x, x[3500])),
         )
         only(found(half), "stuck encoder", joint)
 

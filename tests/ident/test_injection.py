@@ -12,8 +12,9 @@ import pytest
 from draws import RANGES, draws
 from explaining import Judged, judge
 
+from ident import bench
 from ident.arm_fit import hold, residual
-from ident.bench import simulate
+from ident.bench import Job, design, simulate
 from ident.campaign import Campaign, Record
 from ident.cli import main
 from ident.coupled import declared_start, problem_of
@@ -42,15 +43,28 @@ def run(effects: Sequence[Effect], joint: int = 2, lock: str = "rigid", robot: A
     return simulate(YPP, robot, [(YPP.names[joint], POSTURE)], lock=lock, effects=effects, workers=1, **options)
 
 
+def brief(job: Job) -> Record:
+    """The record of a job, one period long beyond what it takes to settle."""
+    return bench.run(replace(job, setup=replace(job.setup, periods=job.setup.settle + 1)))
+
+
+def settled(
+    effects: Sequence[Effect], joint: int = 2, lock: str = "rigid", robot: Any = QUIET, **options: Any
+) -> Record:
+    """The record of `run`, where only its last period matters."""
+    (job,) = design(YPP, robot, [(YPP.names[joint], POSTURE)], lock=lock, effects=effects, **options)
+    return brief(job)
+
+
 @cache
 def clean() -> Record:
     """The third joint of the arm without any effect."""
-    return run([]).records[0]
+    return settled([])
 
 
 def judged(effect: Effect, joint: int, lock: str, robot: Any = QUIET, record: Record | None = None) -> Judged:
     """Of `record`, or of one that is simulated for it."""
-    record = record or run([effect], joint, lock, robot).records[0]
+    record = record or settled([effect], joint, lock, robot)
     drives = tuple(robot.drive(name) for name in YPP.names)
     arm, q = effect.arm(Arm(YPP, drives, np.asarray(robot.gravity)), 0), effect.posture(POSTURE)
     plant = build_plant(arm.chain, arm.drives, arm.gravity, q, free=joint if lock == "rigid" else None)
@@ -72,8 +86,8 @@ NOTHING = [
 
 
 def test_an_effect_of_size_zero_changes_nothing() -> None:
-    (clean,) = run([], lock="dob", steps=4).records
-    (with_all,) = run([parse(text, QUIET.drives) for text in NOTHING], lock="dob", steps=4).records
+    clean = settled([], lock="dob", steps=4)
+    with_all = settled([parse(text, QUIET.drives) for text in NOTHING], lock="dob", steps=4)
     size = np.abs(clean.theta - clean.theta[0]).max()
     assert np.abs(with_all.theta - clean.theta).max() <= 1e-9 * size  # encoder steps of 2^-44 rev, chains of roundings
     assert np.abs(with_all.tau - clean.tau).max() <= 1e-9 * np.abs(clean.tau).max()
@@ -150,8 +164,7 @@ def test_what_gives_is_pushed_at_twice_its_lines(
     text: str, joint: int, lock: str, left_of_it: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     effect = parse(text, QUIET.drives)
-    wide = replace(QUIET, experiment=replace(SHORT, swing=0.01, periods=6))
-    c = run([effect], joint, lock, wide)
+    c = run([effect], joint, lock, replace(QUIET, experiment=replace(SHORT, swing=0.01)))
     left, theta = unexplained(effect, c)
     monkeypatch.setattr(type(effect), "second_order", Effect.second_order)
     without, _ = unexplained(effect, c)
@@ -182,7 +195,7 @@ def unexplained(effect: Effect, c: Campaign) -> tuple[np.ndarray, np.ndarray]:
 )  # fmt: skip
 def test_numbers_that_are_off_make_another_linear_arm(text: str) -> None:
     effect = parse(text, QUIET.drives)
-    (other,) = run([effect]).records
+    other = settled([effect])
     assert judged(effect, 2, "rigid", record=other).without < 2e-4, "judged by the plant of the true numbers"
     assert np.std((other.theta - clean().theta)[-1000:, 2]) > 1e-3 * np.std(clean().theta[-1000:, 2])
 
@@ -190,8 +203,7 @@ def test_numbers_that_are_off_make_another_linear_arm(text: str) -> None:
 def test_a_change_comes_with_its_record() -> None:
     effect = parse("change-between-records:record=2,stiffness=-0.2@joint3", QUIET.drives)
     cells = [("joint3", POSTURE)] * 3
-    clean = simulate(YPP, QUIET, cells, lock="rigid", workers=1).records
-    changed = simulate(YPP, QUIET, cells, lock="rigid", workers=1, effects=[effect]).records
+    clean, changed = (map(brief, design(YPP, QUIET, cells, lock="rigid", effects=e)) for e in ([], [effect]))
     away = [
         np.std((b.theta - a.theta)[-1000:, 2]) / np.std(a.theta[-1000:, 2]) for a, b in zip(clean, changed, strict=True)
     ]
@@ -343,6 +355,6 @@ def test_six_joints_held_by_their_motors_with_effects_everywhere() -> None:
              "attached-resonator:inertia=0.01,frequency=60@joint6"]  # fmt: skip
     q = np.array([0.2, -0.8, 0.9, 0.3, 0.5, 0.1])
     effects = [parse(text, robot.drives) for text in texts]
-    clean, other = (simulate(chain, robot, [("joint4", q)], workers=1, effects=e).records[0] for e in ([], effects))
+    clean, other = (brief(*design(chain, robot, [("joint4", q)], effects=e)) for e in ([], effects))
     change = np.std((other.theta - clean.theta)[-1000:], axis=0)
     assert np.all(np.isfinite(other.theta)) and change[3] > 1e-3 * np.std(clean.theta[-1000:, 3])

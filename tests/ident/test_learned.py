@@ -31,7 +31,7 @@ from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=4))
 #: One record at each rest of the joint: 150 rad of the motor apart, all within 2 rad each.
 JOINT, RESTS, NEAR = 1, (-1.1, -0.2, 0.31, 1.3), (0.31, 0.32)
 TEETH = 3.0

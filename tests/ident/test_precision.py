@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from ident.certainty import certainty
 from ident.coupled import fit_coupled
 from ident.errors import ExperimentError
 from ident.frf import estimate
-from ident.precision import ALLOWANCE, Precision, for_target
+from ident.precision import ALLOWANCE, SPACINGS, Precision, for_target
 from symgen.plan import Model, plan_of_robot
 from symgen.robot import Robot, load_robot
 
@@ -53,9 +54,29 @@ def test_the_fit_achieves_what_is_predicted(planned: tuple[Model, Robot, list[tu
     assert off.max() < 4 * achieved
 
 
-def test_precision_costs_time(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]]) -> None:
+@pytest.fixture(scope="module")
+def fine(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]]) -> Precision:
+    return for_target(*planned, 2e-4)
+
+
+def test_no_other_spacing_is_quicker(
+    planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]], fine: Precision, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither the widest lines nor the narrowest: all of them searched to their ends, one by one."""
     model, robot, cells = planned
-    rough, fine, finer = (for_target(model, robot, cells, target) for target in (1e-2, 2e-4, 1e-4))
+    seconds = {}
+    monkeypatch.setattr("ident.precision.SPACINGS", ())
+    for f0 in SPACINGS:
+        alone = replace(robot, experiment=replace(robot.experiment, f0=f0, band=(f0, robot.experiment.band[1])))
+        with contextlib.suppress(ExperimentError):
+            seconds[f0] = for_target(model, alone, cells, 2e-4).seconds
+    assert fine.seconds == min(seconds.values()) == seconds[fine.robot.experiment.f0]
+    assert 0.1 < fine.robot.experiment.f0 < 2.0
+
+
+def test_precision_costs_time(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]], fine: Precision) -> None:
+    model, robot, cells = planned
+    rough, finer = (for_target(model, robot, cells, target) for target in (1e-2, 1e-4))
     for found, target in ((rough, 1e-2), (fine, 2e-4), (finer, 1e-4)):
         assert found.sigma <= target and len(found.periods) == len(cells)
     assert rough.seconds < fine.seconds < finer.seconds < 8 * fine.seconds  # four times the records, settling apart

@@ -28,7 +28,7 @@ from symgen.urdf import load_chain
 
 ROBOT = replace(
     load_robot(Path(__file__).parents[2] / "robots" / "ypp3"),
-    experiment=Experiment(f0=1.0, band=(1.0, 120.0), periods=3, swing=0.002),
+    experiment=Experiment(f0=2.0, band=(2.0, 120.0), periods=3, swing=0.002),
 )
 YPP = load_chain(ROBOT.urdf)
 CELLS = [("joint3", [0.0, 0.4, 0.1]), ("joint1", [0.0, 0.4, 0.1]), ("joint2", [0.2, 0.5, -0.9])]
@@ -146,9 +146,9 @@ def test_a_damaged_record_is_simulated_again(whole: bytes, tmp_path: Path) -> No
 
 @pytest.fixture
 def small_disk() -> Iterator[None]:
-    """No file may grow beyond 200 kB: the second of the records, each about 100 kB, or the file of all of them."""
+    """No file may grow beyond 150 kB: the second of the records, of 168 kB, or the file of all of them."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, before[1]))
     yield
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
