@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from diagnosed import CELLS, ROOT, diagnosis
 
-from ident.arm_fit import hold, residual
+from ident.arm_fit import Problem, hold, residual
 from ident.bench import simulate
 from ident.campaign import Array, Campaign
 from ident.coupled import Start, declared_start, problem_of
@@ -143,3 +143,22 @@ def test_at_another_posture_what_is_of_second_order_is_another_too() -> None:
         np.testing.assert_array_equal(mine, right)
         assert np.abs(mine - untold).max() > 0.05 * np.abs(untold).max()
     np.testing.assert_array_equal(moved.arm.J_rows, there.arm.J_rows)
+
+
+def test_a_fit_that_another_motion_leads_astray_ends_where_it_was_best(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each motion makes a valley of its own: the third, found at the minimum of the second, leaves a hundred times as much."""
+    valleys = [(1.0, 50.0), (2.0, 10.0), (3.0, 1000.0)]
+    held = iter(valleys)
+
+    def equations(problem: object, vector: Array, valley: tuple[float, float]) -> tuple[float, Array, Array]:
+        away = vector - valley[0]
+        return valley[1] + 100.0 * float(away @ away), 100.0 * away, 100.0 * np.eye(1)
+
+    monkeypatch.setattr("ident.descent.hold", lambda problem, vector, doubt: next(held))
+    monkeypatch.setattr("ident.descent.normal_equations", equations)
+    monkeypatch.setattr("ident.descent.chi_squared", lambda *of: equations(*of)[0])
+    monkeypatch.setattr("ident.descent.slides", lambda problem, held: {})
+    one = np.ones(1)
+    problem = Problem((), 0, 0, 1, (), one, -9.0 * one, 9.0 * one, one > 0.0, lambda scene, q: scene)
+    found = minimise(problem, np.zeros(1), (), len(valleys))
+    assert np.allclose(found.vector, 1.0, atol=1e-3) and found.chi2 < 200.0 and not found.converged
