@@ -59,6 +59,7 @@ from ident.trials import (
     outshines,
     polished,
     resting,
+    vanished,
     winds_up,
 )
 from symgen.plan import Model
@@ -308,6 +309,8 @@ def _entered(
     if best is None:
         return None
     new = since(bench, best[1])
+    if vanished(new.effects[-1]):
+        return None
     hastily = new.select < AHEAD * state.select
     less = without(bench, new, new.effects[-1], HASTILY if hastily else FINELY)
     if hastily and new.select >= AHEAD * less.select:
@@ -365,7 +368,7 @@ def _best(
         tried = [leader if other is one else other for other in tried]
         if explains(bench, leader[1], first) or outshines(bench, leader, first):
             return leader, tried
-    tried = polished(bench, tried, first, progress)
+    tried = [one for one in polished(bench, tried, first, progress) if not vanished(one[1].effects[-1])]
     best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best[1].select):
         return None, tried

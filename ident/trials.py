@@ -308,6 +308,12 @@ def _best_names(tried: Sequence[Tried]) -> list[Tried]:
     return list(found.values())
 
 
+def vanished(effect: Effect) -> bool:
+    """Whether nothing is left of an effect: all its sizes are zero, whatever its other values are."""
+    sizes = [value - p.zero for value, p in zip(effect.values, effect.parameters, strict=True) if p.zero is not None]
+    return bool(sizes) and not any(sizes)
+
+
 def winds_up(effect: Effect) -> bool:
     """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
     return isinstance(effect, Law) and not effect.linear and not effect.dry

@@ -9,10 +9,10 @@ import pytest
 
 import ident.trials
 from ident.effects.base import Effect
-from ident.effects.friction import LinkCoulomb, MotorCoulomb
+from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorStribeck
 from ident.effects.learned import learned
 from ident.effects.spring import SpringHardening
-from ident.trials import _finely, _law_leads, ahead
+from ident.trials import _finely, _law_leads, ahead, vanished
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -62,3 +62,12 @@ def test_a_name_that_falls_to_where_a_curve_is_goes_on(
     found = _finely(BENCH, [one(HARD, begin), one(CURVE, 77.0)], lambda line: None)
     assert len(rounds) == times and len(found) == 2
     assert rounds[1:] == [[HARD.name]] * (times - 1)
+
+
+def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:
+    assert vanished(MotorStribeck(2, (0.0, 0.0, 3.8))) and vanished(DRY.with_values([0.0]))
+    assert (
+        not vanished(MotorStribeck(2, (0.0, 1e-9, 3.8)))
+        and not vanished(HARD)
+        and not vanished(CURVE.with_values([0.1, 0.0, 0.0]))
+    )
