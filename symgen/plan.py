@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -116,11 +117,16 @@ def model_of_urdf(text: str, joints: Sequence[str], *, believe_zeros: bool = Fal
 
     Raises UrdfError, or PlanError if `joints` are not a base-to-tip run of that arm.
     """
+    return _model_of_urdf(text, tuple(joints), believe_zeros)
+
+
+@lru_cache(maxsize=8)
+def _model_of_urdf(text: str, joints: tuple[str, ...], believe_zeros: bool) -> Model:
     chain = parse_chain(text, where="the campaign's URDF")
     if set(joints) != set(chain.names):
         frozen = {name: 0.0 for name in chain.names if name not in joints}
         chain = parse_chain(text, where="the campaign's URDF", at=frozen)
-    if tuple(joints) != chain.names:
+    if joints != chain.names:
         raise PlanError(
             f"joints {', '.join(joints)}: not the moving joints of the URDF, base to tip: {', '.join(chain.names)}"
         )

@@ -16,6 +16,7 @@ from types import FrameType
 import h5py
 import numpy as np
 import pytest
+from undrawn import undrawn
 
 import ident.cli
 import symgen.cli
@@ -266,7 +267,8 @@ def every_record(campaign: Campaign, change: Callable[[Record], dict[str, object
 def test_the_campaign_itself_is_fitted(campaign: Campaign, tmp_path: Path) -> None:
     """So that what is refused below is refused for its defect alone."""
     write_campaign(campaign, tmp_path / "c.h5")
-    assert ident.cli.main(["fit", str(tmp_path / "c.h5"), "-o", str(tmp_path / "out"), "--brief"]) == 0
+    with undrawn():
+        assert ident.cli.main(["fit", str(tmp_path / "c.h5"), "-o", str(tmp_path / "out"), "--brief"]) == 0
     assert (tmp_path / "out/result.json").is_file()
 
 

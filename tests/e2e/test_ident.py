@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from undrawn import undrawn
 
 from ident.cli import main
 from ident.identify import identify
@@ -57,16 +56,6 @@ def once(
     return status, result
 
 
-@contextmanager
-def undrawn() -> Iterator[None]:
-    """Reports without curves: those of the two simulated campaigns and of the coupled fit have them, for two thirds of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.figures.frf_figure", lambda *_: "")
-        patch.setattr("ident.figures.distortion_figure", lambda *_: None)
-        patch.setattr("ident.figures.summary_figure", lambda *_: "")
-        yield
-
-
 def quick(folder: Path) -> str:
     """The robot with records a sixth as long."""
     home = folder / "quick"
@@ -83,7 +72,8 @@ def rigid(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[s
 
 def dob(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
     """Held by motors whose springs give, read as two masses."""
-    return once(folder, "dob", ["run", quick(folder), "--method", "two-mass"], capsys)
+    with undrawn():
+        return once(folder, "dob", ["run", quick(folder), "--method", "two-mass"], capsys)
 
 
 def test_rigid_locks_give_the_inertia_matrix(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
