@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.arm_fit import Problem, chi_squared, hold
+from ident.arm_fit import Problem, chi_squared, hold, spectrum
 from ident.campaign import Array
 from ident.departures import errors
 from ident.descent import SLACK, Minimum, minimise
@@ -16,7 +16,7 @@ from ident.effects.base import Effect
 from ident.forked import forked
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
-from ident.refits import FINELY, Bench, State
+from ident.refits import FINELY, Bench, State, same
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +68,23 @@ def merged(bench: Bench, state: State, off: Sequence[Off]) -> tuple[State, tuple
 def of_effect(off: Sequence[Off], effect: Effect) -> list[Off]:
     """Those of declared numbers that an effect has, too."""
     return [one for one in off if (one.deviation.name, one.deviation.joint) == (effect.name, effect.joint)]
+
+
+def standard_deviations(state: State, effect: Effect, off: Sequence[Off]) -> tuple[float, ...]:
+    """Standard deviations of an effect's values; of those that are declared numbers, too, what these are `off` by tells them, 0: as declared."""
+    values, vectors, seen = spectrum(state.minimum.information)
+    lifted = np.where(seen, values, np.inf)
+    deviation = np.sqrt(np.einsum("ik,k,ik->i", vectors, 1.0 / lifted, vectors)) * state.problem.scale
+    told_by = {name: std for one in of_effect(off, effect) for name, _, std, _ in one.deviation.values}
+    k = state.problem.base
+    for e in state.effects:
+        if same(e, effect):
+            own = deviation[k : k + len(e.values)].tolist()
+            return tuple(
+                told_by.get(p.name, 0.0) if p.declared else std for p, std in zip(e.parameters, own, strict=True)
+            )
+        k += len(e.values)
+    return ()
 
 
 def _kept(bench: Bench, state: State, declared: Sequence[Deviation]) -> State:

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.added import Added, exchanged, pruned, renamed, was_named
-from ident.arm_fit import spectrum
 from ident.campaign import Campaign
-from ident.contradicted import Off, contradicted, merged, of_effect
+from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, departures, errors, groups
 from ident.effects.base import Effect
@@ -163,7 +162,7 @@ class Begun:
         if added:
             added[-1] = replace(added[-1], after=after.all)
         final = tuple(
-            replace(a, effect=e, std=_std(state, e, contradictions))
+            replace(a, effect=e, std=standard_deviations(state, e, contradictions))
             for e in state.effects
             for a in added
             if same(a.effect, e)
@@ -330,6 +329,7 @@ def _entry(
     key = last.name, last.joint, last.port
     others = [pair for pair in tried if pair[0].key != key and np.isfinite(pair[1].select)]
     rivals = sorted((other for _, other in others), key=lambda other: other.select)
+    named = [other for other in rivals if other.effects[-1].name != "unknown"]
     left_by = list(forked(lambda other: _error(bench, other), rivals[:RIVALS], bench.workers))
     report = bench.split.report
     return Added(
@@ -341,15 +341,11 @@ def _entry(
         excess=max(state.select - dof, 1.0),
         rivals=tuple((other.effects[-1], error) for other, error in zip(rivals[:RIVALS], left_by, strict=True) if error < np.inf),
         tied=tuple(
-            other.effects[-1] for other in rivals
-            if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0) and other.effects[-1].name != "unknown"
+            other.effects[-1] for other in named if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0)
         ),
         port_shares=port_shares(lin),
         besides=state,
-        others=tuple([
-            other for other in rivals
-            if other.effects[-1].name != "unknown" and other.select - dof < HARDLY_MORE * max(new.select - dof, 0.0)
-        ][:RIVALS]),
+        others=tuple([one for one in named if one.select - dof < HARDLY_MORE * max(new.select - dof, 0.0)][:RIVALS]),
     )  # fmt: skip
 
 
@@ -383,20 +379,3 @@ def _error(bench: Bench, state: State) -> float:
         return errors(bench, coarse, tuple(sampled(one, FEW_SAMPLES) for one in bench.split.report)).all
     except (ValueError, np.linalg.LinAlgError):
         return float(np.inf)
-
-
-def _std(state: State, effect: Effect, off: Sequence[Off]) -> tuple[float, ...]:
-    """Standard deviations of an effect's values; of those that are declared numbers, too, what these are `off` by tells them, 0: as declared."""
-    values, vectors, seen = spectrum(state.minimum.information)
-    lifted = np.where(seen, values, np.inf)
-    deviation = np.sqrt(np.einsum("ik,k,ik->i", vectors, 1.0 / lifted, vectors)) * state.problem.scale
-    told_by = {name: std for one in of_effect(off, effect) for name, _, std, _ in one.deviation.values}
-    k = state.problem.base
-    for e in state.effects:
-        if same(e, effect):
-            own = deviation[k : k + len(e.values)].tolist()
-            return tuple(
-                told_by.get(p.name, 0.0) if p.declared else std for p, std in zip(e.parameters, own, strict=True)
-            )
-        k += len(e.values)
-    return ()

@@ -151,7 +151,7 @@ def read(path: Path) -> Identified:
         document = json.loads(path.read_text(encoding="utf-8"))
         if document["format"] != FORMAT or document["version"] > VERSION:
             raise IdentError(f"{path}: format {document['format']!r}; expected {FORMAT!r} up to version {VERSION}")
-        model = model_of_urdf(document["urdf"], document["joints"], believe_zeros=document["believe_zeros"])
+        model = model_of_urdf(document["urdf"], tuple(document["joints"]), believe_zeros=document["believe_zeros"])
         arrays = {name: np.array(document[name], dtype=float) for name in _ARRAYS}
         D = len(model.names)
         arrays["unseen"] = arrays["unseen"].reshape(D, -1)

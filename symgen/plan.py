@@ -112,24 +112,17 @@ def make_model(chain: Chain, *, believe_zeros: bool = False) -> Model:
     return Model(chain, factor(chain, believe_zeros=True) if believe_zeros else wider, wider)
 
 
-def model_of_urdf(text: str, joints: Sequence[str], *, believe_zeros: bool = False) -> Model:
+@lru_cache(maxsize=8)
+def model_of_urdf(text: str, joints: tuple[str, ...], *, believe_zeros: bool = False) -> Model:
     """Returns the model of the arm in a URDF text whose driven joints, base to tip, are `joints`; others are frozen at 0.
 
     Raises UrdfError, or PlanError if `joints` are not a base-to-tip run of that arm.
     """
-    return _model_of_urdf(text, tuple(joints), believe_zeros)
-
-
-@lru_cache(maxsize=8)
-def _model_of_urdf(text: str, joints: tuple[str, ...], believe_zeros: bool) -> Model:
     chain = parse_chain(text, where="the campaign's URDF")
     if set(joints) != set(chain.names):
-        frozen = {name: 0.0 for name in chain.names if name not in joints}
-        chain = parse_chain(text, where="the campaign's URDF", at=frozen)
-    if joints != chain.names:
-        raise PlanError(
-            f"joints {', '.join(joints)}: not the moving joints of the URDF, base to tip: {', '.join(chain.names)}"
-        )
+        chain = parse_chain(text, where="the campaign's URDF", at=dict.fromkeys(set(chain.names) - set(joints), 0.0))
+    if joints != (arm := chain.names):
+        raise PlanError(f"joints {', '.join(joints)}: not the moving joints of the URDF, base to tip: {', '.join(arm)}")
     return make_model(chain, believe_zeros=believe_zeros)
 
 

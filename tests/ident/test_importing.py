@@ -191,7 +191,7 @@ def test_a_stand_in_has_the_inertias_that_were_said(truth: Record, tmp_path: Pat
         text = text.replace(f"[joint.joint{j}]\n", f"[joint.joint{j}]\nJ_l_kgm2 = {J}\n")
     (tmp_path / "map.toml").write_text(text + "sample_rate_Hz = 1000\n")
     mapping = load_map(tmp_path / "map.toml")
-    model = model_of_urdf(mapping.urdf, ["joint1", "joint2", "joint3"])
+    model = model_of_urdf(mapping.urdf, ("joint1", "joint2", "joint3"))
     for q in np.random.default_rng(0).uniform(-3, 3, (5, 3)):
         np.testing.assert_allclose(np.diag(model.J_cad(q)), [1.0, 0.5, 0.2], rtol=1e-12)
 

@@ -166,15 +166,15 @@ def test_the_model_of_a_campaigns_text_is_that_of_the_file() -> None:
 
 def test_joints_that_are_not_driven_are_frozen() -> None:
     chain = arm("ypp3")
-    model = model_of_urdf(chain.source, ["joint2", "joint3"])
+    model = model_of_urdf(chain.source, ("joint2", "joint3"))
     assert model.chain.names == ("joint2", "joint3") and model.chain.frozen == {"joint1": 0.0}
     q = postures(model.chain, 10)
     whole = judge(chain, np.column_stack([np.zeros(10), q]))[:, 1:, 1:]
     assert np.abs(model.J_cad(q) - whole).max() <= ROUNDING * np.abs(whole).max()
 
 
-@pytest.mark.parametrize("joints", [["joint3", "joint2", "joint1"], ["joint1", "joint2", "wrist"], []])
-def test_joints_that_are_no_run_of_the_arm_are_refused(joints: list[str]) -> None:
+@pytest.mark.parametrize("joints", [("joint3", "joint2", "joint1"), ("joint1", "joint2", "wrist"), ()])
+def test_joints_that_are_no_run_of_the_arm_are_refused(joints: tuple[str, ...]) -> None:
     with pytest.raises(SymgenError, match="joint") as caught:
         model_of_urdf(arm("ypp3").source, joints)
     assert "\n" not in str(caught.value)
