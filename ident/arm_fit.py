@@ -45,7 +45,7 @@ class Problem:
     `high` [P] bound it; `free` [P] are the parameters that may move. `scene_at` gives a record's scene at another posture.
     With `turns` the forces of effects are found together with the motion that they change, dry friction from where it was
     found last, `slid`, by record. `expected` are a vector [P] known beforehand and the weights [P] of steps of `scale` away from
-    it, added to chi^2. `workers` processes find how the arm moved.
+    it, added to chi^2. `workers` processes have a share of the records each.
     """
 
     data: tuple[Evidence, ...]
@@ -244,31 +244,23 @@ def _by_impedance(
 
 def chi_squared(problem: Problem, vector: Array, held: Sequence[Held]) -> float:
     """chi^2 of all records; infinite where the arm is not one (J not positive, numbers beyond numbers)."""
-    p = problem.parameters(vector)
-    total = _unexpected(problem, vector)[0]
-    with np.errstate(all="ignore"):  # a trial step beyond numbers is refused for its size
-        for one, kept in zip(problem.data, held, strict=True):
-            if not np.isfinite(one.scene.arm.J(p)).all():
-                return float(np.inf)
-            if np.linalg.eigvalsh(one.scene.arm.J(p))[0] <= 0.0:
-                return float(np.inf)
-            r = residual(problem, vector, one, kept.moved, judged=True)[0]
-            total += 2.0 * float(np.sum(np.abs(kept.W[one.use] @ r[..., None]) ** 2))
-            if not np.isfinite(total):
-                return float(np.inf)
+    total = unexpected(problem, vector)[0]
+    for one, kept in zip(problem.data, held, strict=True):
+        total += chi_squared_of(problem, vector, one, kept)
+        if not np.isfinite(total):
+            return float(np.inf)
     return total
 
 
-def normal_equations(problem: Problem, vector: Array, held: Sequence[Held]) -> tuple[float, Array, Array]:
-    """Returns chi^2, half its gradient [P] and half its Gauss-Newton Hessian [P, P] per step of `scale`: the information."""
-    chi2, slope, information = _unexpected(problem, vector)
-    for one, kept in zip(problem.data, held, strict=True):
-        white, A, columns = whitened(problem, vector, one, kept)
-        chi2 += 2.0 * float(np.vdot(white, white).real)
-        slope[columns] += 2.0 * (A.conj().T @ white).real
-        real = np.concatenate([A.real, A.imag])
-        information[np.ix_(columns, columns)] += 2.0 * (real.T @ real)
-    return chi2, slope, information
+def chi_squared_of(problem: Problem, vector: Array, one: Evidence, kept: Held) -> float:
+    """chi^2 of one record; infinite as that of all."""
+    J = one.scene.arm.J(problem.parameters(vector))
+    with np.errstate(all="ignore"):  # a trial step beyond numbers is refused for its size
+        if not np.isfinite(J).all() or np.linalg.eigvalsh(J)[0] <= 0.0:
+            return float(np.inf)
+        r = residual(problem, vector, one, kept.moved, judged=True)[0]
+        chi2 = 2.0 * float(np.sum(np.abs(kept.W[one.use] @ r[..., None]) ** 2))
+    return chi2 if np.isfinite(chi2) else float(np.inf)
 
 
 def whitened(problem: Problem, vector: Array, one: Evidence, kept: Held) -> tuple[Complex, Complex, NDArray[np.int64]]:
@@ -279,7 +271,7 @@ def whitened(problem: Problem, vector: Array, one: Evidence, kept: Held) -> tupl
     return (W @ r[..., None]).ravel(), A, columns
 
 
-def _unexpected(problem: Problem, vector: Array) -> tuple[float, Array, Array]:
+def unexpected(problem: Problem, vector: Array) -> tuple[float, Array, Array]:
     """What `Problem.expected` adds to chi^2, half its gradient [P] and half its Hessian [P, P]."""
     P = len(vector)
     if problem.expected is None:

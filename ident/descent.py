@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ident.arm_fit import Held, Problem, Slides, chi_squared, hold, normal_equations, residual, slides, whitened
+from ident.arm_fit import Problem, Slides
 from ident.campaign import Array
+from ident.sums import Sums, summed
 
 #: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
 SMALL_STEP = 0.01
@@ -50,24 +51,29 @@ def minimise(
     `roughly` ends each descent where chi^2 falls by less than this share, or after `FEW` steps, and all of it where one
     changes chi^2 by less.
     """
+    with summed(problem) as sums:
+        return _minimised(sums, vector, doubts, outer, roughly)
+
+
+def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, roughly: float) -> Minimum:
+    problem = sums.problem
     converged, winding, damping, chi2, last, begun = False, False, 1e-3, np.inf, np.inf, np.inf
     information = np.zeros((len(vector), len(vector)))
     best: Minimum | None = None
     for doubt in (*doubts, *[0.0] * outer):
-        held = hold(problem, vector, doubt)
-        problem = replace(problem, slid=slides(problem, held))
-        chi2, slope, information = normal_equations(problem, vector, held)
+        sums.hold(vector, doubt)
+        chi2, slope, information = sums.equations(vector)
         if not doubt and (best is None or chi2 < best.chi2):
-            best = Minimum(vector, information, chi2, False, problem.slid)
+            best = Minimum(vector, information, chi2, False, sums.slid)
         begun = chi2
         begin, settled, damping = vector, False, min(damping, 1e-3)
         for _ in range(FEW if roughly else INNER):
             for refused in range(TRIALS):
                 step = _step(problem, vector, slope, information, damping)
                 if winding and damping < GENTLE:
-                    step = step + _bend(problem, vector, held, step, information, damping)
+                    step = step + _bend(sums, vector, step, information, damping)
                 trial = _taken(problem, vector, step)
-                cost = chi_squared(problem, trial, held)
+                cost = sums.chi_squared(trial)
                 if cost <= chi2:
                     break
                 damping *= 5.0
@@ -77,7 +83,7 @@ def minimise(
             if not (winding and refused):
                 damping = max(damping / 5.0, 1e-12)
             vector, moved, before = trial, float(step @ information @ step), chi2
-            chi2, slope, information = normal_equations(problem, vector, held)
+            chi2, slope, information = sums.equations(vector)
             little = max(ROUGHLY if doubt else 0.0, roughly) * before
             promised = float(-_step(problem, vector, slope, information, SLACK) @ slope)
             winding = winding or before - chi2 < WINDING * promised
@@ -86,31 +92,22 @@ def minimise(
                 break
         shift = (vector - begin) / problem.scale
         small = shift @ information @ shift < (10.0 * SMALL_STEP) ** 2
-        same = max(roughly, TURNED if problem.slid else 0.0)
+        same = max(roughly, TURNED if sums.slid else 0.0)
         if not doubt and settled and (small or abs(last - chi2) < same * chi2):
             converged = True
             break
         last = np.inf if doubt else chi2
     if best is not None and not converged and best.chi2 < LOST * begun:
         return best
-    return Minimum(vector, information, chi2, converged, problem.slid)
+    return Minimum(vector, information, chi2, converged, sums.slid)
 
 
-def _bend(
-    problem: Problem, vector: Array, held: Sequence[Held], step: Array, information: Array, damping: float
-) -> Array:
+def _bend(sums: Sums, vector: Array, step: Array, information: Array, damping: float) -> Array:
     """Returns what the curvature of the residuals along a step adds to it [P], half its geodesic acceleration
     (doi:10.48550/arXiv.1201.5885); nothing where that is no small part of the step."""
-    pushed = np.zeros(len(vector))
-    ahead = vector + AHEAD * problem.scale * step
+    pushed = sums.curved(vector, step, AHEAD)
     with np.errstate(all="ignore"):  # a bend beyond numbers is none
-        for one, kept in zip(problem.data, held, strict=True):
-            white, A, columns = whitened(problem, vector, one, kept)
-            r = residual(problem, ahead, one, kept.moved, judged=True)[0]
-            there = (kept.W[one.use] @ r[..., None]).ravel()
-            curved = 2.0 / AHEAD * ((there - white) / AHEAD - A @ step[columns])
-            pushed[columns] += 2.0 * (A.conj().T @ curved).real
-        bend, size = 0.5 * _step(problem, vector, pushed, information, damping), np.sqrt(np.diag(information))
+        bend, size = 0.5 * _step(sums.problem, vector, pushed, information, damping), np.sqrt(np.diag(information))
         small = np.linalg.norm(size * bend) < BEND * np.linalg.norm(size * step)
     return bend if small else np.zeros_like(bend)
 

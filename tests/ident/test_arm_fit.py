@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -21,6 +22,7 @@ from ident.effects.sensor import JointZeroOffset
 from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import estimate
+from ident.sums import Sums
 from symgen.plan import Model, chain_of_robot, make_model
 from symgen.robot import load_robot
 
@@ -148,16 +150,20 @@ def test_at_another_posture_what_is_of_second_order_is_another_too() -> None:
 def test_a_fit_that_another_motion_leads_astray_ends_where_it_was_best(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each motion makes a valley of its own: the third, found at the minimum of the second, leaves a hundred times as much."""
     valleys = [(1.0, 50.0), (2.0, 10.0), (3.0, 1000.0)]
-    held = iter(valleys)
+    motions = iter(valleys)
 
-    def equations(problem: object, vector: Array, valley: tuple[float, float]) -> tuple[float, Array, Array]:
-        away = vector - valley[0]
-        return valley[1] + 100.0 * float(away @ away), 100.0 * away, 100.0 * np.eye(1)
+    class Valleys(Sums):
+        def hold(self, vector: Array, doubt: float = 0.0) -> None:
+            self.bottom, self.left = next(motions)
 
-    monkeypatch.setattr("ident.descent.hold", lambda problem, vector, doubt: next(held))
-    monkeypatch.setattr("ident.descent.normal_equations", equations)
-    monkeypatch.setattr("ident.descent.chi_squared", lambda *of: equations(*of)[0])
-    monkeypatch.setattr("ident.descent.slides", lambda problem, held: {})
+        def equations(self, vector: Array) -> tuple[float, Array, Array]:
+            away = vector - self.bottom
+            return self.left + 100.0 * float(away @ away), 100.0 * away, 100.0 * np.eye(1)
+
+        def chi_squared(self, vector: Array) -> float:
+            return self.equations(vector)[0]
+
+    monkeypatch.setattr("ident.descent.summed", lambda problem: nullcontext(Valleys(problem, None, [])))
     one = np.ones(1)
     problem = Problem((), 0, 0, 1, (), one, -9.0 * one, 9.0 * one, one > 0.0, lambda scene, q: scene)
     found = minimise(problem, np.zeros(1), (), len(valleys))

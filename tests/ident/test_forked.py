@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from ident.forked import forked
+from ident.forked import forked, standing
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -23,3 +23,31 @@ def test_two_workers_are_other_processes() -> None:
 def test_an_error_is_raised_here() -> None:
     with pytest.raises(ZeroDivisionError):
         list(forked(lambda x: 1 / x, [1, 0], 2))
+
+
+def test_standing_shares_work_at_once_and_remember() -> None:
+    seen: list[list[int]] = [[], []]
+
+    def work(k: int, x: int) -> tuple[int, list[int]]:
+        seen[k].append(x)
+        return os.getpid(), list(seen[k])
+
+    with standing(work, 2) as ask:
+        ask(1)
+        (here, mine), (there, other) = ask(2)
+    assert here == os.getpid() != there
+    assert mine == other == [1, 2]
+    assert seen == [[1, 2], []]  # what the other share keeps is its own
+
+
+def test_an_error_of_a_standing_share_is_raised_here() -> None:
+    with pytest.raises(ZeroDivisionError), standing(lambda k, x: x / (1 - k), 2) as ask:
+        ask(1)
+
+
+def test_a_worker_has_all_shares_itself() -> None:
+    def work(item: int) -> bool:
+        with standing(lambda k, x: os.getpid(), 2) as ask:
+            return set(ask(item)) == {os.getpid()}
+
+    assert list(forked(work, range(2), 2)) == [True, True]
