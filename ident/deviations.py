@@ -187,6 +187,22 @@ class Change:
         """A sum of squares over what chance leaves after so many numbers."""
         return cost / max(float(chdtri(max(len(self.off) - rank, 1), CHANCE)), 1e-300)
 
+    def out_of_reach(self, parts: Sequence[Part]) -> bool:
+        """Whether some parts can not explain the change, for not even more than they can do does: any last body in the place of a
+        load, any constants of gravity."""
+        n, size = self.model.chain.n, len(self.off)
+        columns = []
+        for part in parts:
+            if part.body is None:
+                columns.append(np.eye(size)[:, len(self.model.factoring.W) :])
+            elif part.is_load:
+                columns.append(self.rows[:, 10 * (n - 1) :])
+            else:
+                columns.append(self.by([part], np.ones(1)).T)
+        A = self.white @ np.concatenate(columns, axis=1)
+        x, *_ = np.linalg.lstsq(A, self.y, rcond=None)
+        return self.level(float(np.sum((self.y - A @ x) ** 2)), 0) >= 1.0
+
     def explained(self, parts: Sequence[Part]) -> tuple[float, Array, Array] | None:
         """(level, parameters, their stds) of the best explanation by some parts, None where a mass would be negative."""
         reach = max(float(np.linalg.norm(joint.p)) for joint in self.model.chain.joints)
@@ -242,7 +258,11 @@ def _bodies(change: Change) -> list[Deviation]:
         [*((one, load) for one in scaled[:-1]), (load, gravity)],
     ]
     for tried in fewest_first:
-        found = [(parts, fit) for parts in tried if (fit := change.explained(parts)) is not None]
+        found = [
+            (parts, fit)
+            for parts in tried
+            if not change.out_of_reach(parts) and (fit := change.explained(parts)) is not None
+        ]
         if not found:
             continue
         parts, (level, x, std) = min(found, key=lambda one: one[1][0])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.deviations import Change, _bodies
+from ident.deviations import Change, Part, _bodies
 from ident.evidence import gravity_basis
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
@@ -69,3 +69,18 @@ def test_several_links_that_changed_are_the_whole_arm_and_not_the_one_that_expla
     assert (one.name, one.joint, one.tied) == ("inertial-parameters", None, (("payload", None),))
     ((name, size, std, _),) = one.values
     assert name == "change" and 0.02 < size < 0.3 and std < 0.1 * size
+
+
+def test_what_is_out_of_reach_explains_nothing() -> None:
+    change = changed(bodies=(0.2, -0.15, 0.1), aside=0.02)
+    parts = [
+        (Part(1, 0),),
+        (Part(1, 0), Part(1, None)),
+        (Part(2, 2),),
+        (Part(4, 2), Part(1, None)),
+        (Part(1, 1), Part(4, 2)),
+    ]
+    beyond = [some for some in parts if change.out_of_reach(some)]
+    assert beyond
+    assert all((found := change.explained(some)) is None or found[0] >= 1.0 for some in beyond)
+    assert not changed(mass=0.5).out_of_reach((Part(4, 2),))
