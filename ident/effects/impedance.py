@@ -144,7 +144,7 @@ def inertia_and_weight(chain: Chain, q: Array, gravity: Array) -> tuple[Array, A
     for j, body in enumerate(carried):
         momentum = body @ joints[j]
         J[j, : j + 1] = J[: j + 1, j] = joints[: j + 1] @ momentum
-        K[j, : j + 1] = K[: j + 1, j] = -np.cross(joints[: j + 1, 3:], momentum[:3]) @ gravity
+        K[j, : j + 1] = K[: j + 1, j] = -joints[: j + 1, 3:] @ (skew(momentum[:3]) @ gravity)
     return J, K
 
 
