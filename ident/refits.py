@@ -61,7 +61,8 @@ class Bench:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A fitted model: its effects, its minimum on the fit records, chi^2 on the choosing ones; both chi^2 as all lines would have it."""
+    """A fitted model: its effects, its minimum on the fit records, chi^2 on the choosing ones, how `roughly` it was fitted (fall of
+    chi^2 that ended it); both chi^2 as all lines would have it."""
 
     effects: tuple[Effect, ...]
     scales: tuple[float, ...]
@@ -69,6 +70,7 @@ class State:
     minimum: Minimum
     problem: Problem
     select: float
+    roughly: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +112,8 @@ def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
     for refit, (minimum, select) in zip(refits, forked(work, refits, bench.workers), strict=True):
         problem = bench.problem(bench.split.fit, refit.effects, refit.scales, refit.limits)
         problem = replace(problem, slid=minimum.slid)
-        yield State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, select)
+        effects = problem.effects_at(minimum.vector)
+        yield State(effects, refit.scales, refit.limits, minimum, problem, select, refit.roughly)
 
 
 def first(bench: Bench) -> State:
@@ -143,7 +146,8 @@ def fitted(bench: Bench, refit: Refit) -> State:
         minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
     whole = degrees(bench.split.fit) / degrees(fit), degrees(bench.split.select) / degrees(select)
     minimum = replace(minimum, chi2=minimum.chi2 * whole[0])
-    return State(problem.effects_at(minimum.vector), refit.scales, refit.limits, minimum, problem, chi2 * whole[1])
+    effects, left = problem.effects_at(minimum.vector), chi2 * whole[1]
+    return State(effects, refit.scales, refit.limits, minimum, problem, left, refit.roughly)
 
 
 def linearised(problem: Problem, vector: Array) -> Linearised:

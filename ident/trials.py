@@ -40,7 +40,7 @@ SURELY = 6
 BENT = 100.0
 #: Share of what any other candidate leaves that one leaves which is far ahead.
 AHEAD = 0.03
-#: A force that a curve leaves so far behind is not looked for where it is some other size.
+#: A force that a curve leaves so far behind is not looked for where it is some other size, nor names that promised much besides.
 UNLIKELY = 0.1
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
 FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
@@ -246,8 +246,8 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
 
 def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried]:
     """The candidates to be fitted finely: where a name leaves nothing, those near the noise, or none if it is alone there; where none
-    is near, what promised most besides the best (it may have been far from its place). Where a curve leaves nothing and is far
-    ahead of all names, these are not looked for any farther, nor those behind a law that is.
+    is near, what promised most besides the best (it may have been far from its place), but not where a curve is, far ahead of all
+    names, nor behind a law that is.
     """
     named, drawn = _best_names(tried), sorted((one for one in tried if is_curve(one)), key=_select)
     near = CLOSE**2 * degrees(bench.split.select)
@@ -260,17 +260,17 @@ def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried
     if _law_leads(tried, first):
         return named[:1] + drawn[:1]
     finalists = named[:FINALISTS] + drawn[:1]
-    by_curve = drawn and excess(bench, drawn[0][1]) <= NAMED and _select(drawn[0]) <= AHEAD * _select(named[0])
+    by_curve = drawn and _select(drawn[0]) <= min(near, UNLIKELY * _select(named[0]))
     if _select(named[0]) > near and not by_curve:
         finalists += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
     return finalists
 
 
 def _finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """Candidates fitted finely; while no name is near the noise, those whose chi^2 falls much again and again."""
+    """Candidates fitted finely that are not yet; while no name is near the noise, those whose chi^2 falls much again and again."""
     near = CLOSE**2 * degrees(bench.split.select)
-    falling: list[Tried] = list(tried)
-    settled: list[Tried] = []
+    settled = [one for one in tried if one[1].roughly <= FINELY]
+    falling = [one for one in tried if one[1].roughly > FINELY]
     for _ in range(1 + PATIENCE):
         before = list(map(_select, falling))
         new = all_fitted(bench, [Refit.of(state) for _, state in falling])

@@ -12,6 +12,7 @@ from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorStribeck
 from ident.effects.learned import learned
 from ident.effects.spring import SpringHardening
+from ident.refits import FINELY, HASTILY
 from ident.trials import _finely, _law_leads, ahead, vanished
 
 DOF = 1000
@@ -27,8 +28,8 @@ def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ident.trials, "excess", lambda bench, state: state.select / DOF)
 
 
-def one(effect: Effect, level: float) -> Any:
-    state = SimpleNamespace(select=level * DOF, effects=(effect,))
+def one(effect: Effect, level: float, roughly: float = HASTILY) -> Any:
+    state = SimpleNamespace(select=level * DOF, effects=(effect,), roughly=roughly)
     return SimpleNamespace(effect=effect, key=(effect.name, effect.joint, effect.port)), state
 
 
@@ -62,6 +63,20 @@ def test_a_name_that_falls_to_where_a_curve_is_goes_on(
     found = _finely(BENCH, [one(HARD, begin), one(CURVE, 77.0)], lambda line: None)
     assert len(rounds) == times and len(found) == 2
     assert rounds[1:] == [[HARD.name]] * (times - 1)
+
+
+def test_what_is_fitted_finely_is_not_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    again: list[Effect] = []
+
+    def fitted(bench: Any, refits: list[Effect]) -> list[Any]:
+        again.extend(refits)
+        return [one(effect, 1.7)[1] for effect in refits]
+
+    monkeypatch.setattr(ident.trials, "all_fitted", fitted)
+    monkeypatch.setattr(ident.trials, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    finely = one(HARD, 1.5, FINELY)
+    found = _finely(BENCH, [finely, one(CURVE, 77.0)], lambda line: None)
+    assert again == [CURVE] and found[0] is finely and len(found) == 2
 
 
 def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:
