@@ -38,7 +38,10 @@ def fully(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if last.name == "unknown":  # heights of a curve mean nothing by themselves
         return fitted(bench, replace(Refit.of(state), outer=FULLY))
-    if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2:
+    by_curve = any(
+        effect.name == "unknown" for effect in state.effects
+    )  # which leaves what it does not draw: no valley
+    if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2 and not by_curve:
         stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
         state = lowest(bench, starts)
@@ -47,7 +50,7 @@ def fully(bench: Bench, state: State) -> State:
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
             state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
     state = _closely(bench, Refit.of(state), excess(bench, state))
-    return state if excess(bench, state) <= NAMED else _carrying(bench, state)
+    return state if by_curve or excess(bench, state) <= NAMED else _carrying(bench, state)
 
 
 def _carrying(bench: Bench, state: State) -> State:
