@@ -83,7 +83,9 @@ class CoupledFit:
 Start = Parameters
 
 
-def fit_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], start: Start | None = None) -> CoupledFit:
+def fit_coupled(
+    campaign: Campaign, model: Model, responses: Sequence[Frf], start: Start | None = None, workers: int = 1
+) -> CoupledFit:
     """Returns the arm that explains all `responses` of `campaign` best; `responses` [records] in their order.
 
     Starts from `start`, else from the datasheet (two-mass fits where it is silent), CAD and a damping of 1 %; if that
@@ -100,7 +102,7 @@ def fit_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], star
     rough = tuple(map(_thinned, data))
     best: tuple[Problem, Minimum] | None = None
     for guess in _starts(campaign, model, responses, basis, start):
-        problem = problem_of(campaign, model, basis, rough, guess)
+        problem = replace(problem_of(campaign, model, basis, rough, guess), workers=workers)
         found = _approach(problem, guess.vector())
         if best is None or found.chi2 < best[1].chi2:
             best = (problem, found)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,9 +16,6 @@ from ident.errors import IdentError
 if TYPE_CHECKING:
     from ident.campaign import Campaign
     from ident.diagnose import Diagnosis
-
-#: Processes that try candidates, at most: each needs a few hundred MB.
-WORKERS = min(os.cpu_count() or 1, 8)
 
 
 def add(command: NewCommand) -> None:
@@ -74,6 +70,7 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     from ident.diagnosis_json import FILE, result_document, verdict_document, write
     from ident.diagnosis_report import html
     from ident.either_model import diagnose_either
+    from ident.forked import WORKERS
     from ident.plain import replace_file
     from ident.store import read_campaign
 

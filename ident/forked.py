@@ -7,10 +7,14 @@ and results travel.
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
+
+#: Processes of a command, at most: each needs a few hundred MB.
+WORKERS = min(os.cpu_count() or 1, 8)
 
 In = TypeVar("In")
 Out = TypeVar("Out")

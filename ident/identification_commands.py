@@ -218,6 +218,7 @@ def _identified(
 ) -> int:  # fmt: skip
     from ident import report
     from ident.export import write_identified
+    from ident.forked import WORKERS
     from ident.identify import METHODS, identify
     from ident.result_page import doubtful, page
     from ident.side_by_side import comparison, table
@@ -225,7 +226,7 @@ def _identified(
 
     every = options.method == "all"
     result, *others = (
-        identify(campaign, method=method, believe_zeros=believe_zeros, progress=progress.line(options))
+        identify(campaign, method=method, believe_zeros=believe_zeros, workers=WORKERS, progress=progress.line(options))
         for method in (METHODS if every else (options.method,))
     )
     out.mkdir(parents=True, exist_ok=True)

@@ -108,13 +108,15 @@ def identify(
     *,
     method: str = "coupled",
     believe_zeros: bool | None = None,
+    workers: int = 1,
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
     """Returns everything the campaign tells about the arm; sections II-A and III-C of the paper, put right.
 
     `method` "coupled" (all records and all motors in one fit: right where the locks are not rigid), or to compare, each record
     on its own: "modal" (all mode pairs of the excited motor), "two-mass" (least squares), "three-point" (the paper's reading);
-    `believe_zeros` None believes the URDF's exact zeros only where the records do not determine the arm without.
+    `believe_zeros` None believes the URDF's exact zeros only where the records do not determine the arm without. `workers`
+    processes share the records of the coupled fit; its result does not depend on how many.
     Raises IdentError for a campaign without records, one with a fault that would end in wrong numbers (`ident.faults`), or an
     unknown method, SymgenError for a URDF that does not fit.
     """
@@ -133,7 +135,7 @@ def identify(
         index = np.array([frf.index for frf in responses])
         J_cad = model.J_cad(q)
     with _timed(seconds, "fit"):
-        readings = _read(campaign, model, responses, method, J_cad)
+        readings = _read(campaign, model, responses, method, J_cad, workers)
     with _timed(seconds, "solve"):
         if readings.coupled is not None:
             arm = of_coupled(campaign, model, q, index, readings.coupled)
@@ -214,7 +216,7 @@ class _Readings:
         return float(sum(fit.chi2_per_dof * fit.dof for fit in self.fits) / sum(fit.dof for fit in self.fits))
 
 
-def _read(campaign: Campaign, model: Model, responses: list[Frf], method: str, J_cad: Array) -> _Readings:
+def _read(campaign: Campaign, model: Model, responses: list[Frf], method: str, J_cad: Array, workers: int) -> _Readings:
     """Fits the responses; `J_cad` [R, n, n, kg m2] is that of the declared arm at their postures."""
     three = [three_point(frf, campaign.N[frf.index]) for frf in responses]
     tries = None if method in OF_TWO_MASSES else 1
@@ -222,7 +224,8 @@ def _read(campaign: Campaign, model: Model, responses: list[Frf], method: str, J
     fits: Sequence[TwoMass | Modal] = two
     if method == "modal":
         fits = [modal(frf, campaign, J) for frf, J in zip(responses, J_cad, strict=True)]
-    return _Readings(three, two, fits, fit_coupled(campaign, model, responses) if method == "coupled" else None)
+    coupled = fit_coupled(campaign, model, responses, workers=workers) if method == "coupled" else None
+    return _Readings(three, two, fits, coupled)
 
 
 def _measurement(
