@@ -76,6 +76,12 @@ class Problem:
         ]
         return np.array([False] * self.base + of_effects)
 
+    @cached_property
+    def dampings(self) -> NDArray[np.bool_]:
+        """Which parameters [P] are logarithms of dampings."""
+        k = np.arange(len(self.scale))
+        return (k >= 2 * self.n) & (k < 4 * self.n)
+
     def parameters(self, vector: Array) -> Parameters:
         return Parameters.of(vector[: self.base], self.n, self.D)
 

@@ -20,6 +20,8 @@ SLACK = 1e-9
 #: A descent winds where a step does less than this share of what is promised undamped, though it is damped this little: there
 #: it follows the bend of the valley, found from a share of the step ahead, where that is less than so much of the step.
 WINDING, GENTLE, AHEAD, BEND = 0.1, 0.01, 0.1, 0.75
+#: Fall of chi^2 that a damping alone promises that has become so small that it is not felt, though it is missed.
+MISSED = 10.0
 #: Times its scale that what gives may get softer in a step, where other parameters change by one.
 SOFTER = 4.0
 #: Progress below this share of chi^2 ends the way to a model that is still doubted.
@@ -113,21 +115,35 @@ def _bend(sums: Sums, vector: Array, step: Array, information: Array, damping: f
 
 
 def _step(problem: Problem, vector: Array, slope: Array, information: Array, damping: float) -> Array:
-    """Returns the damped step of the free parameters, no component beyond 1, or `SOFTER`; what would leave its bounds stays there."""
+    """Returns the damped step of the free parameters, no component beyond 1, or `SOFTER`; what would leave its bounds stays there.
+
+    Logarithms of dampings that vanish would go far for nothing: the others step as they do when these go no farther than they
+    may. One that has become so small that it is not felt, but is missed, may grow until it is felt.
+    """
     pressed = ((vector <= problem.low) & (slope > 0.0)) | ((vector >= problem.high) & (slope < 0.0))
     free = np.flatnonzero(problem.free & ~pressed)
     size = np.sqrt(np.diag(information)[free])
     size[size == 0.0] = 1.0
     matrix = information[np.ix_(free, free)] / size / size[:, None] + damping * np.eye(len(free))
+    down = slope[free] / size
+    missed = problem.dampings[free] & (down**2 > MISSED)
+    least = -size * np.where(problem.giving, SOFTER, 1.0)[free]
+    most = np.where(missed, np.maximum(size, 1.0), size)
+    y = -np.linalg.solve(matrix, down)
+    far = problem.dampings[free] & ((y < least) | (y > most))
+    if far.any() and not far.all():
+        y = np.clip(y, least, most)
+        y[~far] = -np.linalg.solve(matrix[np.ix_(~far, ~far)], down[~far] + matrix[np.ix_(~far, far)] @ y[far])
     step = np.zeros(len(slope))
-    most = np.where(problem.giving, SOFTER, 1.0)[free]
-    step[free] = np.clip(-np.linalg.solve(matrix, slope[free] / size) / size, -most, 1.0)
+    step[free] = np.clip(y, least, most) / size
     return step
 
 
 def _taken(problem: Problem, vector: Array, step: Array) -> Array:
-    """The parameters [P] after a step, within their bounds; what gets softer by as much as its compliance is to grow."""
-    change = problem.scale * step
+    """The parameters [P] after a step, within their bounds; what gets softer by as much as its compliance is to grow, a damping
+    that grows more than e-fold by as much as it, not its logarithm, is to."""
+    far = problem.dampings & (step > 1.0)
+    change = problem.scale * np.where(far, 1.0 + np.log(np.where(far, step, 1.0)), step)
     softer = problem.giving & (change < 0.0)
     after = vector + change
     after[softer] = vector[softer] / (1.0 - change[softer] / vector[softer])

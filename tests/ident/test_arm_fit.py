@@ -15,7 +15,7 @@ from ident.arm_fit import Problem, hold, residual
 from ident.bench import simulate
 from ident.campaign import Array, Campaign
 from ident.coupled import Start, declared_start, problem_of
-from ident.descent import _step, minimise
+from ident.descent import _step, _taken, minimise
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.sensor import JointZeroOffset
@@ -70,7 +70,9 @@ def test_derivatives_by_the_arm_are_differences_whatever_acts(name: str) -> None
 def test_what_is_pressed_against_its_bound_is_left_there() -> None:
     """The others step as if it were not free: their steps together with it would lead elsewhere."""
     every, none = np.array([True, True]), np.array([False, False])
-    problem = SimpleNamespace(low=np.array([0.0, -9.0]), high=np.array([9.0, 9.0]), free=every, giving=none)
+    problem = SimpleNamespace(
+        low=np.array([0.0, -9.0]), high=np.array([9.0, 9.0]), free=every, giving=none, dampings=none, scale=np.ones(2)
+    )
     information, slope = np.array([[2.0, 1.9], [1.9, 2.0]]), np.array([0.4, 0.3])
     inside = _step(problem, np.array([1.0, 0.0]), slope, information, 0.0)  # type: ignore[arg-type]
     np.testing.assert_allclose(information @ inside, -slope)
@@ -78,6 +80,31 @@ def test_what_is_pressed_against_its_bound_is_left_there() -> None:
     np.testing.assert_allclose(pressed, [0.0, -0.15])
     away = _step(problem, np.array([0.0, 0.0]), -slope, information, 0.0)  # type: ignore[arg-type]
     np.testing.assert_allclose(away, -inside)
+
+
+def _damped(slope: float, information: Array) -> Array:
+    """The step of a parameter and the logarithm of a damping, the first of which has a gradient of 0.3."""
+    free, damping = np.array([True, True]), np.array([False, True])
+    low, high = np.full(2, -np.inf), np.full(2, np.inf)
+    problem = SimpleNamespace(low=low, high=high, free=free, giving=~free, dampings=damping, scale=np.ones(2))
+    step = _step(problem, np.zeros(2), np.array([0.3, slope]), information, 0.0)  # type: ignore[arg-type]
+    return np.stack([step, _taken(problem, np.zeros(2), step)])  # type: ignore[arg-type]
+
+
+def test_a_damping_that_would_vanish_leaves_the_others_their_step() -> None:
+    """It wants -40 and may go -1: cut alone, the first would step as if it had gone all the way, uphill."""
+    information = np.array([[2.0, 0.1], [0.1, 0.01]])
+    assert np.abs(np.linalg.solve(information, [-0.3, -0.2]))[1] > 30.0
+    step, _ = _damped(0.2, information)
+    np.testing.assert_allclose(step, [-(0.3 - 0.1) / 2.0, -1.0])
+
+
+def test_a_damping_that_is_not_felt_grows_until_it_is_if_it_is_missed() -> None:
+    felt = 1e-3  # of a standard deviation
+    _, taken = _damped(-felt * 95.0, np.diag([2.0, felt**2]))
+    assert np.exp(taken[1]) == pytest.approx(np.e / felt)
+    _, taken = _damped(-felt, np.diag([2.0, felt**2]))  # noise
+    assert taken[1] == pytest.approx(1.0)
 
 
 def test_what_gives_is_found_from_where_it_is_hardly_felt() -> None:
