@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm_fit import Problem, chi_squared, hold, spectrum
 from ident.campaign import Array
 from ident.departures import errors
-from ident.descent import SLACK, Minimum, minimise
+from ident.descent import SLACK, minimise
 from ident.deviations import Deviation, deviations
 from ident.effects.base import Effect
 from ident.forked import forked
@@ -33,18 +33,24 @@ class Off:
 def contradicted(bench: Bench, state: State) -> tuple[Off, ...]:
     """Declared numbers that the fitted arm contradicts, dearest first."""
     found = deviations(bench.campaign, bench.model, bench.basis, state.problem, state.minimum)
+    if not found:
+        return ()
     least = state.select + LEAST_GAIN + max(state.select - degrees(bench.split.select), 0.0) / 2.0
-    report = bench.split.report
+    select, report = bench.split.select, bench.split.report
+    chosen, reported = replace(state.problem, data=select), replace(state.problem, data=report)
+    held = hold(chosen, state.minimum.vector), tuple(hold(reported, state.minimum.vector))
 
     def cost(one: Deviation) -> tuple[float, float]:
-        kept = _kept(bench, state, (one,))
-        return kept.select, errors(bench, kept, report).all
+        """What it costs to keep one: chi^2 on the choosing records and held-out error, under forces as they were found."""
+        kept = _kept(state, (one,))
+        return chi_squared(chosen, kept.minimum.vector, held[0]), errors(bench, kept, report, held[1]).all
 
     costs = zip(found, forked(cost, found, bench.workers), strict=True)
     rows = sorted((row for row in costs if row[1][0] >= least), key=lambda row: -row[1][0])
     if not rows:
         return ()
-    after, none = errors(bench, state, report).all, _refitted(bench, _kept(bench, state, [one for one, _ in rows]))
+    after = errors(bench, state, report, held[1]).all
+    none = _refitted(bench, _kept(state, [one for one, _ in rows]))
     return tuple(Off(one, before, after, none) for one, (_, before) in rows)
 
 
@@ -87,8 +93,8 @@ def standard_deviations(state: State, effect: Effect, off: Sequence[Off]) -> tup
     return ()
 
 
-def _kept(bench: Bench, state: State, declared: Sequence[Deviation]) -> State:
-    """The model with these numbers as declared, the others where the curvature at its minimum takes them."""
+def _kept(state: State, declared: Sequence[Deviation]) -> State:
+    """The model with these numbers as declared, the others where the curvature at its minimum takes them; nobody has judged it."""
     problem, vector = state.problem, state.minimum.vector.copy()
     free = problem.free.copy()
     for one in declared:
@@ -96,15 +102,12 @@ def _kept(bench: Bench, state: State, declared: Sequence[Deviation]) -> State:
         free[one.indices] = False
     problem = replace(problem, free=free)
     minimum = replace(state.minimum, vector=_follows(problem, state, vector))
-    return _judged(bench, replace(state, problem=problem), minimum)
+    return replace(state, problem=problem, minimum=minimum, select=np.inf)
 
 
 def _refitted(bench: Bench, state: State) -> State:
-    return _judged(bench, state, minimise(state.problem, state.minimum.vector, (), 1, FINELY))
-
-
-def _judged(bench: Bench, state: State, minimum: Minimum) -> State:
-    """The model at a minimum, with what it leaves of the records that choose."""
+    """The model refitted from where it is, with what it leaves of the records that choose."""
+    minimum = minimise(state.problem, state.minimum.vector, (), 1, FINELY)
     problem = replace(state.problem, slid=minimum.slid)
     chosen = replace(problem, data=bench.split.select)
     select = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm_fit import hold, residual
+from ident.arm_fit import Held, hold, residual
 from ident.campaign import Array
 from ident.evidence import Evidence
 from ident.refits import Bench, State
@@ -51,10 +51,10 @@ class Departure:
 
 
 @lru_cache(maxsize=8)  # those of one diagnosis: what is kept keeps its records
-def errors(bench: Bench, state: State, data: tuple[Evidence, ...]) -> Errors:
-    """Relative rms errors of the excited joint's angle at the excited lines of `data`."""
+def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[Held, ...] = ()) -> Errors:
+    """Relative rms errors of the excited joint's angle at the excited lines of `data`, with motions as `held`, else as the state's."""
     problem = replace(state.problem, data=tuple(data))
-    held = hold(problem, state.minimum.vector)
+    held = held or tuple(hold(problem, state.minimum.vector))
     squares: list[tuple[int, Array, Array, Array]] = []
     for one, kept in zip(data, held, strict=True):
         r, W = residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W
