@@ -37,19 +37,20 @@ def contradicted(bench: Bench, state: State) -> tuple[Off, ...]:
         return ()
     least = state.select + LEAST_GAIN + max(state.select - degrees(bench.split.select), 0.0) / 2.0
     select, report = bench.split.select, bench.split.report
-    chosen, reported = replace(state.problem, data=select), replace(state.problem, data=report)
-    held = hold(chosen, state.minimum.vector), tuple(hold(reported, state.minimum.vector))
+    chosen, vector = replace(state.problem, data=select), state.minimum.vector
+    held = hold(chosen, vector)
+    held_out = tuple(hold(replace(state.problem, data=report), vector))
 
     def cost(one: Deviation) -> tuple[float, float]:
         """What it costs to keep one: chi^2 on the choosing records and held-out error, under forces as they were found."""
         kept = _kept(state, (one,))
-        return chi_squared(chosen, kept.minimum.vector, held[0]), errors(bench, kept, report, held[1]).all
+        return chi_squared(chosen, kept.minimum.vector, held), errors(bench, kept, report, held_out).all
 
     costs = zip(found, forked(cost, found, bench.workers), strict=True)
     rows = sorted((row for row in costs if row[1][0] >= least), key=lambda row: -row[1][0])
     if not rows:
         return ()
-    after = errors(bench, state, report, held[1]).all
+    after = errors(bench, state, report, held_out).all
     none = _refitted(bench, _kept(state, [one for one, _ in rows]))
     return tuple(Off(one, before, after, none) for one, (_, before) in rows)
 

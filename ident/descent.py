@@ -58,6 +58,7 @@ def minimise(
 
 
 def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, roughly: float) -> Minimum:
+    """`minimise`, once somebody sums over the records."""
     problem = sums.problem
     converged, winding, damping, chi2, last, begun = False, False, 1e-3, np.inf, np.inf, np.inf
     information = np.zeros((len(vector), len(vector)))

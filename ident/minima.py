@@ -38,9 +38,8 @@ def fully(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if last.name == "unknown":  # heights of a curve mean nothing by themselves
         return fitted(bench, replace(Refit.of(state), outer=FULLY))
-    by_curve = any(
-        effect.name == "unknown" for effect in state.effects
-    )  # which leaves what it does not draw: no valley
+    # what a curve leaves, which it does not draw, is no valley
+    by_curve = any(effect.name == "unknown" for effect in state.effects)
     if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2 and not by_curve:
         stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -70,7 +70,9 @@ class Share:
 class Sums:
     """A problem's sums over its records, for what is held of them; the same whatever the number of processes."""
 
-    def __init__(self, problem: Problem, ask: Any, places: list[NDArray[np.int64]]) -> None:
+    def __init__(
+        self, problem: Problem, ask: Callable[[tuple[str, tuple[Any, ...]]], list[Any]], places: list[NDArray[np.int64]]
+    ) -> None:
         self.problem, self.slid, self._ask, self._places = problem, problem.slid, ask, places
 
     def hold(self, vector: Array, doubt: float = 0.0) -> None:
@@ -99,13 +101,9 @@ class Sums:
         return pushed
 
     def _of_records(self, what: str, *of: Any) -> list[Any]:
-        answers = self._ask((what, of))
-        found = {
-            place: a
-            for places, share in zip(self._places, answers, strict=True)
-            for place, a in zip(places.tolist(), share, strict=True)
-        }
-        return [found[k] for k in range(len(found))]
+        """The answers of all shares, in the order of the records."""
+        answers = [answer for share in self._ask((what, of)) for answer in share]
+        return [answers[k] for k in np.argsort(np.concatenate(self._places))]
 
 
 @contextmanager
