@@ -257,8 +257,9 @@ GANTRY = """<robot name="gantry"><link name="base"/>
 
 def test_a_vertical_rail_and_a_reversed_wrist() -> None:
     chain = parse_chain(GANTRY)
-    rail = Drive("rail", 400.0, 1e-4, 2e5, 3e-5, 20.0, 2**44, 3.0, linear=True)
-    wrist = Drive("wrist", -80.0, 2e-5, 3000.0, 3e-5, 0.4, 2**44, 1.0)
+    fine = 2**50  # at 2**44 counts the rounding alone is near ZOH_ERROR
+    rail = Drive("rail", 400.0, 1e-4, 2e5, 3e-5, 20.0, fine, 3.0, linear=True)
+    wrist = Drive("wrist", -80.0, 2e-5, 3000.0, 3e-5, 0.4, fine, 1.0)
     arm = replace(ROBOT, urdf=Path("gantry.urdf"), drives=(wrist, rail), experiment=replace(TINY, torque_noise=0.0))
     q = [0.3, 0.5]
     campaign = simulate(chain, arm, [("wrist", q), ("rail", q)], workers=1)
