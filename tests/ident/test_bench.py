@@ -210,7 +210,7 @@ def test_setup_predicts_swing_and_torque() -> None:
     tau, theta = record.tau[-2000:, 1], record.theta[-2000:, 1] / 100
     preload = tau.mean()
     assert setup.growth < 0
-    assert setup.swing == TINY.swing
+    assert setup.swing == pytest.approx(TINY.swing)
     assert np.abs(theta - theta.mean()).max() <= 1.001 * setup.swing
     assert setup.torque[1] == pytest.approx(abs(preload) + np.abs(tau - preload).max(), rel=1e-3)
 
