@@ -17,62 +17,31 @@ from ident.campaign import Campaign
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, departures, errors, groups
-from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
-from ident.forked import forked
 from ident.frf import Frf, estimate
-from ident.minima import NAMED, afresh, elsewhere, fully, settled, since, told
-from ident.parts import Split, degrees, sampled, split, split_lines
+from ident.minima import NAMED, afresh, elsewhere, settled
+from ident.parts import Split, degrees, split, split_lines
 from ident.refits import (
-    BY_ALL,
-    FEW_SAMPLES,
-    FEW_TURNS,
-    FINELY,
-    HASTILY,
     Bench,
     Refit,
     State,
     all_fitted,
     excess,
     first,
-    linearised,
     same,
-    without,
 )
-from ident.trace import Linearised, port_shares
+from ident.rounds import another
 from ident.trials import (
-    AHEAD,
-    ALIKE,
     CLOSE,
     ENOUGH,
-    TIE,
-    Tried,
-    ahead,
-    at_minimum,
-    chosen,
-    earned,
     explains,
-    hasty,
-    is_curve,
-    outshines,
-    polished,
-    resting,
-    vanished,
     winds_up,
 )
 from symgen.plan import Model
 
 #: Effects added at most.
 MOST_EFFECTS = 4
-#: Rivals whose errors are told.
-RIVALS = 3
-#: Times what an effect leaves that another may leave to be tried in its place later.
-HARDLY_MORE = 2.0
-#: Share of chi^2 on the fitting records that one of two leaves which are looked for together.
-LEADS = 0.5
-#: A learned curve needs this share of all that was in excess to be added.
-CURVE_SHARE = 0.05
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
 #: many times where something is left and they may.
 BENDS, MAY_BEND = 10.0, 1.5
@@ -220,7 +189,7 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         little = bool(added) and _little(bench, start, state)
         if not _departs(bench, state) or (little and excess(bench, state) <= NAMED):
             break
-        step = _round(bench, state, start.select, progress, little)
+        step = another(bench, state, start.select, progress, little)
         if step is None:
             break
         state, more = step
@@ -261,121 +230,3 @@ def _left(bench: Bench, start: State, state: State) -> float:
 def _departs(bench: Bench, state: State) -> bool:
     """Whether anything but noise may be left, on the records that fit and choose."""
     return excess(bench, state) > 1.1 or bool(groups(bench, state, bench.split.fit + bench.split.select))
-
-
-def _round(
-    bench: Bench, state: State, first: float, progress: Callable[[str], None], little: bool
-) -> tuple[State, list[Added]] | None:
-    """The model with one effect more, if any earns it, or two that do together; `first` is chi^2 on the choosing records before
-    any was added. Where `little` is left, only of those that promise most of it."""
-    lin = linearised(state.problem, state.minimum.vector)
-    best, tried = _best(bench, state, lin, first, progress, little)
-    one = _entered(bench, state, best, tried, lin, first)
-    if one is not None:
-        return one[0], [one[1]]
-    if little or excess(bench, state) < BY_ALL:
-        return None
-    return _pair(bench, state, tried, lin, first, progress)
-
-
-def _pair(
-    bench: Bench, state: State, tried: Sequence[Tried], lin: Linearised, first: float, progress: Callable[[str], None]
-) -> tuple[State, list[Added]] | None:
-    """The model with two effects more, the first of which, of all that were tried, explains most of the records that fit: what is
-    missing besides may bend the others."""
-    leader = min((one for one in tried if not is_curve(one)), key=lambda one: one[1].minimum.chi2, default=None)
-    if leader is None or leader[1].minimum.chi2 > LEADS * state.minimum.chi2:
-        return None
-    lead = leader[1]
-    progress(f"  none alone; with {told(lead.effects[-1])}:")
-    there = linearised(lead.problem, lead.minimum.vector)
-    second, more = _best(bench, lead, there, first, progress, False)
-    two = _entered(bench, lead, second, more, there, first)
-    if two is None or not earned(bench, state, two[0], first):
-        return None
-    new, entry = two
-    alone = without(bench, new, lead.effects[-1])
-    if not earned(bench, alone, new, first):
-        return None
-    gain, found = alone.select - new.select, new.effects[-2]
-    return new, [_entry(bench, state, lead, gain, tried, lin, found), entry]
-
-
-def _entered(
-    bench: Bench, state: State, best: Tried | None, tried: Sequence[Tried], lin: Linearised, first: float
-) -> tuple[State, Added] | None:
-    """The model with the best candidate, if it earns its place; `first` as in `_round`."""
-    if best is None:
-        return None
-    new = since(bench, best[1])
-    if vanished(new.effects[-1]):
-        return None
-    hastily = new.select < AHEAD * state.select
-    less = without(bench, new, new.effects[-1], HASTILY if hastily else FINELY)
-    if hastily and new.select >= AHEAD * less.select:
-        less = without(bench, new, new.effects[-1])
-    state = less if less.select < state.select else state  # what is gained by a better fit is no gain of the effect
-    gain = state.select - new.select
-    if not earned(bench, state, new, first) or (is_curve(best) and gain < CURVE_SHARE * first):
-        return None
-    return new, _entry(bench, state, new, gain, tried, lin, new.effects[-1])
-
-
-def _entry(
-    bench: Bench, state: State, new: State, gain: float, tried: Sequence[Tried], lin: Linearised, effect: Effect
-) -> Added:
-    """The entry of an `effect` that makes of a model the `new` one, its rivals those that were `tried` beside it."""
-    dof, last = degrees(bench.split.select), new.effects[-1]
-    key = last.name, last.joint, last.port
-    others = [pair for pair in tried if pair[0].key != key and np.isfinite(pair[1].select)]
-    rivals = sorted((other for _, other in others), key=lambda other: other.select)
-    named = [other for other in rivals if other.effects[-1].name != "unknown"]
-    left_by = list(forked(lambda other: _error(bench, other), rivals[:RIVALS], bench.workers))
-    report = bench.split.report
-    return Added(
-        effect=effect,
-        std=(),
-        before=errors(bench, state, report).all,
-        after=errors(bench, new, report).all,
-        gain=gain,
-        excess=max(state.select - dof, 1.0),
-        rivals=tuple((other.effects[-1], error) for other, error in zip(rivals[:RIVALS], left_by, strict=True) if error < np.inf),
-        tied=tuple(
-            other.effects[-1] for other in named if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0)
-        ),
-        port_shares=port_shares(lin),
-        besides=state,
-        others=tuple([one for one in named if one.select - dof < HARDLY_MORE * max(new.select - dof, 0.0)][:RIVALS]),
-    )  # fmt: skip
-
-
-def _best(
-    bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None], little: bool
-) -> tuple[Tried | None, list[Tried]]:
-    """The candidate to be chosen beyond `state`, at its minimum, and all that were tried; as in `_round`."""
-    tried: list[Tried] = []
-    leader: Tried | None = None
-    for more in [resting(bench, state, lin, progress)] if little else hasty(bench, state, lin, first, progress):
-        tried += more
-        one = ahead(bench, tried, first)
-        if one is None or one is leader:
-            continue
-        leader = at_minimum(bench, one, progress)
-        tried = [leader if other is one else other for other in tried]
-        if explains(bench, leader[1], first) or outshines(bench, leader, first):
-            return leader, tried
-    tried = [one for one in polished(bench, tried, first, progress) if not vanished(one[1].effects[-1])]
-    best = chosen(bench, tried, state.select)
-    if best is None or not np.isfinite(best[1].select):
-        return None, tried
-    return (best[0], fully(bench, best[1])), tried
-
-
-def _error(bench: Bench, state: State) -> float:
-    """The relative error of a rival on the records that report, told as coarsely as it was fitted; infinite where its response is
-    no number."""
-    coarse = replace(state, problem=replace(state.problem, turns=FEW_TURNS))
-    try:
-        return errors(bench, coarse, tuple(sampled(one, FEW_SAMPLES) for one in bench.split.report)).all
-    except (ValueError, np.linalg.LinAlgError):
-        return float(np.inf)

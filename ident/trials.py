@@ -103,16 +103,17 @@ def hasty(
     as in `explains`.
 
     The first effect is looked for from the declared arm, too: a fit that is far off bends everything else, shapes of an
-    impedance at any rate. Where it is very far that comes first, and is all if a name then explains the records.
+    impedance at any rate. Where it is very far that comes first, of later effects too, and is all if a name then explains the
+    records.
     """
-    if state.effects:
-        yield _from_fitted(bench, state, lin, progress)
-    elif excess(bench, state) > BENT:
+    if excess(bench, state) > BENT:
         declared = _from_declared(bench, state, None, progress)
         yield declared
         if _explaining(bench, declared, first) is None:
-            more = _drawn if _law_leads(declared, first) else _from_fitted
+            more = _drawn if not state.effects and _law_leads(declared, first) else _from_fitted
             yield more(bench, state, lin, progress)
+    elif state.effects:
+        yield _from_fitted(bench, state, lin, progress)
     else:
         tried = _from_fitted(bench, state, lin, progress)
         found = _explaining(bench, tried, first)
@@ -170,12 +171,13 @@ def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str]
 
 
 def _from_declared(bench: Bench, state: State, found: Effect | None, progress: Callable[[str], None]) -> list[Tried]:
-    """The likeliest names beyond the declared arm, or the effect that was `found` already."""
-    declared = linearised(state.problem, bench.guess.vector())
+    """The likeliest names beyond the declared arm with the effects of `state`, or the effect that was `found` already."""
+    vector = np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
+    declared = linearised(state.problem, vector)
     if found is not None:
         again = [c for c in [best_of(declared, type(found), found.joint)] if c is not None]
     else:
-        likely = catalogue(declared, (), bench.workers)[: 2 * SURELY]
+        likely = catalogue(declared, state.effects, bench.workers)[: 2 * SURELY]
         likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
     return refitted(bench, state, [(c, declared) for c in again], progress)

@@ -1,0 +1,165 @@
+"""One effect more, or two at once: the candidates of a round, the best of them at its minimum, whether it earns its place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.added import Added
+from ident.departures import errors
+from ident.effects.base import Effect
+from ident.forked import forked
+from ident.minima import fully, since, told
+from ident.parts import degrees, sampled
+from ident.refits import BY_ALL, FEW_SAMPLES, FEW_TURNS, FINELY, HASTILY, Bench, State, excess, linearised, without
+from ident.trace import Linearised, port_shares
+from ident.trials import (
+    AHEAD,
+    ALIKE,
+    CLOSE,
+    TIE,
+    Tried,
+    ahead,
+    at_minimum,
+    chosen,
+    earned,
+    explains,
+    hasty,
+    is_curve,
+    outshines,
+    polished,
+    resting,
+    vanished,
+)
+
+#: Rivals whose errors are told.
+RIVALS = 3
+#: Times what an effect leaves that another may leave to be tried in its place later.
+HARDLY_MORE = 2.0
+#: Most effects with each of which a second one is looked for, where none does alone; share of chi^2 on the fitting records that
+#: one of these leaves at most.
+LEADERS, LEADS = 2, 0.8
+#: A learned curve needs this share of all that was in excess to be added.
+CURVE_SHARE = 0.05
+
+
+def another(
+    bench: Bench, state: State, first: float, progress: Callable[[str], None], little: bool
+) -> tuple[State, list[Added]] | None:
+    """The model with one effect more, if any earns it, or two that do together; `first` is chi^2 on the choosing records before
+    any was added. Where `little` is left, only of those that promise most of it."""
+    lin = linearised(state.problem, state.minimum.vector)
+    best, tried = _best(bench, state, lin, first, progress, little)
+    one = _entered(bench, state, best, tried, lin, first)
+    drawn = best is not None and is_curve(best)
+    if one is not None and not (drawn and excess(bench, one[0]) > CLOSE**2):
+        return one[0], [one[1]]
+    two = None if little or excess(bench, state) < BY_ALL else _two(bench, state, tried, lin, first, progress)
+    if one is not None and (two is None or one[0].select <= two[0].select):
+        return one[0], [one[1]]
+    return two
+
+
+def _two(
+    bench: Bench, state: State, tried: Sequence[Tried], lin: Linearised, first: float, progress: Callable[[str], None]
+) -> tuple[State, list[Added]] | None:
+    """The model with two effects more, the first one of those that, of all that were tried, explain most of the records that fit:
+    what is missing besides may bend the others."""
+    leaders = sorted((one for one in tried if not is_curve(one)), key=lambda one: one[1].minimum.chi2)[:LEADERS]
+    for _, lead in leaders:
+        if lead.minimum.chi2 > LEADS * state.minimum.chi2:
+            break
+        progress(f"  none alone; with {told(lead.effects[-1])}:")
+        there = linearised(lead.problem, lead.minimum.vector)
+        best, more = _best(bench, lead, there, first, progress, False)
+        second = _entered(bench, lead, best, more, there, first)
+        if second is None or not earned(bench, state, second[0], first):
+            continue
+        new, entry = second
+        alone = without(bench, new, lead.effects[-1])
+        if earned(bench, alone, new, first):
+            gain, found = alone.select - new.select, new.effects[-2]
+            return new, [_entry(bench, state, lead, gain, tried, lin, found), entry]
+    return None
+
+
+def _entered(
+    bench: Bench, state: State, best: Tried | None, tried: Sequence[Tried], lin: Linearised, first: float
+) -> tuple[State, Added] | None:
+    """The model with the best candidate, if it earns its place; `first` as in `_round`."""
+    if best is None:
+        return None
+    new = since(bench, best[1])
+    if vanished(new.effects[-1]):
+        return None
+    hastily = new.select < AHEAD * state.select
+    less = without(bench, new, new.effects[-1], HASTILY if hastily else FINELY)
+    if hastily and new.select >= AHEAD * less.select:
+        less = without(bench, new, new.effects[-1])
+    state = less if less.select < state.select else state  # what is gained by a better fit is no gain of the effect
+    gain = state.select - new.select
+    if not earned(bench, state, new, first) or (is_curve(best) and gain < CURVE_SHARE * first):
+        return None
+    return new, _entry(bench, state, new, gain, tried, lin, new.effects[-1])
+
+
+def _entry(
+    bench: Bench, state: State, new: State, gain: float, tried: Sequence[Tried], lin: Linearised, effect: Effect
+) -> Added:
+    """The entry of an `effect` that makes of a model the `new` one, its rivals those that were `tried` beside it."""
+    dof, last = degrees(bench.split.select), new.effects[-1]
+    key = last.name, last.joint, last.port
+    others = [pair for pair in tried if pair[0].key != key and np.isfinite(pair[1].select)]
+    rivals = sorted((other for _, other in others), key=lambda other: other.select)
+    named = [other for other in rivals if other.effects[-1].name != "unknown"]
+    left_by = list(forked(lambda other: _error(bench, other), rivals[:RIVALS], bench.workers))
+    report = bench.split.report
+    return Added(
+        effect=effect,
+        std=(),
+        before=errors(bench, state, report).all,
+        after=errors(bench, new, report).all,
+        gain=gain,
+        excess=max(state.select - dof, 1.0),
+        rivals=tuple((other.effects[-1], error) for other, error in zip(rivals[:RIVALS], left_by, strict=True) if error < np.inf),
+        tied=tuple(
+            other.effects[-1] for other in named if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0)
+        ),
+        port_shares=port_shares(lin),
+        besides=state,
+        others=tuple([one for one in named if one.select - dof < HARDLY_MORE * max(new.select - dof, 0.0)][:RIVALS]),
+    )  # fmt: skip
+
+
+def _best(
+    bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None], little: bool
+) -> tuple[Tried | None, list[Tried]]:
+    """The candidate to be chosen beyond `state`, at its minimum, and all that were tried; as in `_round`."""
+    tried: list[Tried] = []
+    leader: Tried | None = None
+    for more in [resting(bench, state, lin, progress)] if little else hasty(bench, state, lin, first, progress):
+        tried += more
+        one = ahead(bench, tried, first)
+        if one is None or one is leader:
+            continue
+        leader = at_minimum(bench, one, progress)
+        tried = [leader if other is one else other for other in tried]
+        if explains(bench, leader[1], first) or outshines(bench, leader, first):
+            return leader, tried
+    tried = [one for one in polished(bench, tried, first, progress) if not vanished(one[1].effects[-1])]
+    best = chosen(bench, tried, state.select)
+    if best is None or not np.isfinite(best[1].select):
+        return None, tried
+    return (best[0], fully(bench, best[1])), tried
+
+
+def _error(bench: Bench, state: State) -> float:
+    """The relative error of a rival on the records that report, told as coarsely as it was fitted; infinite where its response is
+    no number."""
+    coarse = replace(state, problem=replace(state.problem, turns=FEW_TURNS))
+    try:
+        return errors(bench, coarse, tuple(sampled(one, FEW_SAMPLES) for one in bench.split.report)).all
+    except (ValueError, np.linalg.LinAlgError):
+        return float(np.inf)

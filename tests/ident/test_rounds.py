@@ -1,0 +1,72 @@
+"""A second effect that is looked for beside one that alone does not earn its place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.bench import simulate
+from ident.campaign_model import model_of_campaign
+from ident.candidates import best_of
+from ident.diagnose import Begun, begin
+from ident.effects.catalogue import CATALOGUE, parse
+from ident.frf import estimate
+from ident.refits import excess, linearised
+from ident.rounds import _two
+from ident.trials import Tried, refitted
+from symgen.plan import chain_of_robot, plan_of_robot
+from symgen.robot import load_robot
+
+ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
+CELLS = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells]
+RINGS, SCALE = "attached-resonator", "torque-scale"
+
+
+@pytest.fixture(scope="module")
+def begun() -> Begun:
+    """Something rings on a link whose drive gives another torque than it says."""
+    chain = chain_of_robot(SHORT)
+    drives = [SHORT.drive(name) for name in chain.names]
+    texts = f"{RINGS}:inertia=7e-4,frequency=27.5,damping=1.8e-4@joint3", f"{SCALE}:error=-0.046@joint3"
+    campaign = simulate(chain, SHORT, CELLS, effects=[parse(text, drives) for text in texts], workers=1, seed=11)
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    model, _ = model_of_campaign(campaign, responses, True, "coupled")
+    return begin(campaign, model, responses)
+
+
+def alone(begun: Begun, name: str) -> Tried:
+    """The arm with one of both, from what is declared."""
+    declared = linearised(begun.start.problem, begun.bench.guess.vector())
+    candidate = best_of(declared, CATALOGUE[name], 2)
+    assert candidate is not None
+    (tried,) = refitted(begun.bench, begun.start, [(candidate, declared)], lambda line: None)
+    return tried
+
+
+def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:
+    bench, start = begun.bench, begun.start
+    lead = alone(begun, RINGS)
+    lin = linearised(start.problem, start.minimum.vector)
+    found = _two(bench, start, [lead], lin, start.select, lambda line: None)
+    assert found is not None
+    state, added = found
+    assert (
+        [(e.name, e.joint) for e in state.effects]
+        == [(RINGS, 2), (SCALE, 2)]
+        == [(a.effect.name, a.effect.joint) for a in added]
+    )
+    assert excess(bench, state) < 1.1
+    assert state.effects[0]["inertia"] == pytest.approx(7e-4, rel=0.02)
+    assert state.effects[1]["error"] == pytest.approx(-0.046, rel=0.02)
+
+
+def test_none_leads_that_hardly_explains_the_records_that_fit(begun: Begun) -> None:
+    start = begun.start
+    lead = alone(begun, RINGS)
+    weak = replace(lead[1], minimum=replace(lead[1].minimum, chi2=0.9 * start.minimum.chi2))
+    lin = linearised(start.problem, start.minimum.vector)
+    assert _two(begun.bench, start, [(lead[0], weak)], lin, start.select, lambda line: None) is None
