@@ -22,11 +22,8 @@ from ident.campaign import Array, Campaign
 from ident.descent import Minimum
 from symgen.plan import Model
 
-#: A number contradicts what was declared when it is this many standard deviations off, and this share of itself.
+#: A number contradicts what was declared when it is this many standard deviations off, and more than the model is granted.
 SIGMAS = 6.0
-SHARES = {"J_m": 0.01, "D": 0.1, "D_spring": 0.1, "links": 0.005}
-#: Relative accuracy granted to the model where bodies are compared: the last digits are not the bodies'.
-MODEL_SHARE = 2e-3
 #: A body explains the change of the constants unless chance would do worse this rarely.
 CHANCE = 1e-6
 #: Several links are off, rather than one, when any one leaves more than so many times what chance does.
@@ -35,6 +32,23 @@ NAMES = {"J_m": "motor-inertia", "D": "motor-viscous", "D_spring": "spring-dampi
 PORTS = {"motor-inertia": "motor", "motor-viscous": "motor", "spring-damping": "spring", "payload": "link",
          "inertial-parameters": "link", "gravity-stiffness": "link"}  # fmt: skip
 UNITS = {"J_m": ("inertia", "kgm2"), "D": ("damping", "Nms/rad"), "D_spring": ("damping", "Nms/rad")}
+
+
+@dataclass(frozen=True)
+class Granted:
+    """The accuracy granted to the model: shares of the numbers of a drive, of J(q) where links change it, of each constant where
+    bodies are compared (the last digits are not the bodies')."""
+
+    J_m: float
+    D: float
+    D_spring: float
+    J: float
+    constants: float
+
+
+#: Where no effect is needed to explain the records, and beside those that were found: their laws may bend these numbers.
+ALONE = Granted(J_m=1e-3, D=1e-2, D_spring=5e-3, J=2e-4, constants=2e-5)
+BESIDE = Granted(J_m=1e-2, D=0.1, D_spring=0.1, J=5e-3, constants=2e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +76,15 @@ def deviations(
     values, vectors, seen = spectrum(found.information)
     covariance = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T * np.outer(problem.scale, problem.scale)
     hidden = vectors[:, ~seen] * problem.scale[:, None]
-    result = _drives(campaign, problem, found, covariance, hidden)
-    links = _links(model, basis, problem, found, covariance, hidden)
+    granted = BESIDE if problem.effects else ALONE
+    result = _drives(campaign, problem, found, covariance, hidden, granted)
+    links = _links(model, basis, problem, found, covariance, hidden, granted)
     return tuple(sorted(result + links, key=lambda d: -d.sigmas))
 
 
-def _drives(campaign: Campaign, problem: Problem, found: Minimum, covariance: Array, hidden: Array) -> list[Deviation]:
+def _drives(
+    campaign: Campaign, problem: Problem, found: Minimum, covariance: Array, hidden: Array, granted: Granted
+) -> list[Deviation]:
     p, n = problem.parameters(found.vector), problem.n
     result = []
     for block, field in enumerate(("K", "J_m", "D", "D_spring")):
@@ -80,7 +97,7 @@ def _drives(campaign: Campaign, problem: Problem, found: Minimum, covariance: Ar
                 continue
             std = float(np.sqrt(covariance[k, k])) * now
             off = now - was
-            if abs(off) > SIGMAS * std and abs(off) > SHARES[field] * was:
+            if abs(off) > SIGMAS * std and abs(off) > getattr(granted, field) * was:
                 name, unit = UNITS[field]
                 result.append(
                     Deviation(
@@ -91,7 +108,7 @@ def _drives(campaign: Campaign, problem: Problem, found: Minimum, covariance: Ar
 
 
 def _links(
-    model: Model, basis: Array, problem: Problem, found: Minimum, covariance: Array, hidden: Array
+    model: Model, basis: Array, problem: Problem, found: Minimum, covariance: Array, hidden: Array, granted: Granted
 ) -> list[Deviation]:
     """The bodies, payload or gravity that make alpha and the gravity constants what they are."""
     where = np.arange(4 * problem.n, problem.base)
@@ -100,7 +117,7 @@ def _links(
     was = np.concatenate([model.alpha_cad, basis @ phi])
     off = found.vector[where] - was
     C = covariance[np.ix_(where, where)]
-    C = C + np.diag((MODEL_SHARE * np.maximum(np.abs(was), np.abs(was).max() * 1e-3)) ** 2)
+    C = C + np.diag((granted.constants * np.maximum(np.abs(was), np.abs(was).max() * 1e-3)) ** 2)
     if hidden.size:
         C = C + 1e6 * hidden[where] @ hidden[where].T
     white: Array = np.linalg.inv(np.linalg.cholesky(C))
@@ -110,7 +127,7 @@ def _links(
         return []
     links = np.linalg.inv(np.linalg.cholesky(C[:D, :D])) @ off[:D]
     change = Change(model, basis, white, off, was, where)
-    if float(links @ links) < chdtri(D, CHANCE) or change.of_J < SHARES["links"]:
+    if float(links @ links) < chdtri(D, CHANCE) or change.of_J < granted.J:
         return _gravity(off[D:], was[D:], C[D:, D:], where[D:])
     return _bodies(change)
 

@@ -34,12 +34,13 @@ REFITTED, CURVES = (6, 40), 2
 EFFORT = 1.5e5
 #: Share of what earns a place that a candidate must promise to be tried once little is left: promises are nearly right there.
 HARDLY = 0.125
-#: Candidates taken over from the declared arm.
-SURELY = 6
+#: Candidates taken over from the declared arm; share of what the best promises from which a force that follows from the motion is
+#: tried where it is so many times as large, too.
+SURELY, LIKELY, LARGER = 6, 0.5, 1.4
 #: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm first.
 BENT = 100.0
-#: Share of what any other candidate leaves that one leaves which is far ahead.
-AHEAD = 0.03
+#: Share of what any other candidate leaves that one leaves which is far ahead; which is fitted before these are.
+AHEAD, LEADING = 0.03, 0.1
 #: A force that a curve leaves so far behind is not looked for where it is some other size, nor names that promised much besides.
 UNLIKELY = 0.1
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
@@ -180,7 +181,17 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
         likely = catalogue(declared, state.effects, bench.workers)[: 2 * SURELY]
         likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
+        again += [_larger(c) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
     return refitted(bench, state, [(c, declared) for c in again], progress)
+
+
+def _larger(one: Candidate) -> Candidate:
+    """The candidate, its sizes larger: what moves less for its own force promises less than it is."""
+    values = [
+        value * (1.0 if p.zero is None else LARGER)
+        for value, p in zip(one.effect.values, one.effect.parameters, strict=True)
+    ]
+    return replace(one, effect=one.effect.with_values(values))
 
 
 def refitted(
@@ -209,7 +220,7 @@ def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
     """A name so far ahead of all other candidates that these need not be fitted finely; none if it leaves nothing already, where only
     those near it are; `first` as in `explains`."""
     order = sorted(tried, key=_select)
-    if len(order) < 2 or is_curve(order[0]) or _select(order[0]) > min(AHEAD * _select(order[1]), first):
+    if len(order) < 2 or is_curve(order[0]) or _select(order[0]) > min(LEADING * _select(order[1]), first):
         return None
     return None if explains(bench, order[0][1], first, CLOSE**2) else order[0]
 
@@ -223,7 +234,7 @@ def outshines(bench: Bench, one: Tried, first: float) -> bool:
 
 def at_minimum(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
     """A candidate that is far ahead, at its minimum."""
-    state = fully(bench, _otherwise(bench, one[1], progress))
+    state = fully(bench, _wound_up(bench, _otherwise(bench, one[1], progress), progress))
     progress(f"  far ahead, {told(state.effects[-1])}: {excess(bench, state):.4g}")
     return one[0], state
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ident.deviations import Change, Part, _bodies
+from ident.bench import simulate
+from ident.campaign_model import model_of_campaign
+from ident.deviations import Change, Part, _bodies, deviations
+from ident.diagnose import begin
+from ident.effects.catalogue import parse
 from ident.evidence import gravity_basis
-from symgen.plan import chain_of_robot, make_model
+from ident.frf import estimate
+from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
@@ -84,3 +90,21 @@ def test_what_is_out_of_reach_explains_nothing() -> None:
     assert beyond
     assert all((found := change.explained(some)) is None or found[0] >= 1.0 for some in beyond)
     assert not changed(mass=0.5).out_of_reach((Part(4, 2),))
+
+
+def test_what_is_far_beyond_its_error_is_told_but_not_what_the_law_of_an_effect_may_bend() -> None:
+    """A spring's damping 3 % off, of which the records tell 0.1 %."""
+    short = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
+    chain = chain_of_robot(short)
+    off = parse("spring-damping:damping=0.036@joint1", [short.drive(name) for name in chain.names])
+    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(short).cells]
+    campaign = simulate(chain, short, cells, effects=[off], workers=1, seed=3)
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    model, _ = model_of_campaign(campaign, responses, True, "coupled")
+    begun = begin(campaign, model, responses)
+    bench, problem, found = begun.bench, begun.start.problem, begun.start.minimum
+    (one,) = deviations(campaign, model, bench.basis, problem, found)
+    ((_, value, std, _),) = one.values
+    assert (one.name, one.joint) == ("spring-damping", 0)
+    assert value == pytest.approx(0.036, abs=4.0 * std) and std < 0.003
+    assert deviations(campaign, model, bench.basis, replace(problem, effects=(off,)), found) == ()
