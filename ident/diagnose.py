@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -24,12 +25,12 @@ from ident.minima import NAMED, afresh, elsewhere, settled
 from ident.parts import Split, degrees, split, split_lines
 from ident.refits import (
     Bench,
-    Refit,
     State,
     all_fitted,
     excess,
     first,
     same,
+    some,
 )
 from ident.rounds import another
 from ident.trials import (
@@ -100,14 +101,17 @@ class Begun:
         """Whether anything but noise is left of the records without effects."""
         return _departs(self.bench, self.start)
 
-    def left_beside(self, found: Diagnosis) -> float:
-        """chi^2 per degree of freedom on the choosing records that this arm leaves with the effects of another diagnosis."""
+    def left_beside(self, found: Diagnosis, fewer: int = 0) -> float:
+        """chi^2 per degree of freedom on the choosing records that this arm leaves with the effects of another diagnosis, or with so
+        many `fewer` of them as do best."""
         bench, end, n = self.bench, found.end, self.bench.model.chain.n
         if found.split.note and not bench.split.note:
             bench = replace(bench, split=split_lines(self.data, found.split.note))
-        values = end.minimum.vector[end.problem.base :]
+        count = len(end.effects)
+        parts = [some(end, keep) for keep in combinations(range(count), count - fewer)]
         arms = [self.start.minimum.vector, np.concatenate([end.minimum.vector[: 4 * n], bench.guess.vector()[4 * n :]])]
-        refits = [Refit(np.concatenate([arm, values]), end.effects, end.scales, end.limits) for arm in arms]
+        values = end.problem.base
+        refits = [replace(part, vector=np.concatenate([arm, part.vector[values:]])) for part in parts for arm in arms]
         return min(excess(bench, state) for state in all_fitted(bench, refits))
 
     def diagnosed(self, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from ident.campaign import Campaign
 from ident.campaign_model import model_of_campaign
-from ident.diagnose import Diagnosis, begin
+from ident.diagnose import Begun, Diagnosis, begin
 from ident.frf import estimate
 from ident.minima import NAMED
 from symgen.plan import model_of_urdf
@@ -19,6 +19,8 @@ from symgen.plan import model_of_urdf
 #: General links are tried where they leave less than this share of what is left when zeros are believed, beside the same
 #: effects, and taken where they do with their own.
 BETTER = 0.8
+#: They are tried, too, where they explain the records with so many effects fewer.
+FEWER = 2
 
 
 def diagnose_either(
@@ -44,9 +46,11 @@ def diagnose_either(
     simple = begin(campaign, symmetric, responses, workers).diagnosed(progress)
     alone = not general.departs
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
-    if explained and alone and _things(simple) > 1:  # what needs fewer causes is likelier
+    if (
+        explained and _things(simple) > 1 and (alone or _fewer_do(general, simple))
+    ):  # what needs fewer causes is likelier
         found = general.diagnosed(progress)
-        if _things(found) < _things(simple):
+        if found.left <= NAMED and _things(found) < _things(simple):
             return found, notes
     if not explained and (alone or general.left_beside(simple) < BETTER * simple.left):
         found = general.diagnosed(progress)
@@ -57,6 +61,10 @@ def diagnose_either(
         "records no better (--no-believe-zeros takes them for unknown"
     )
     return simple, (note + ("; then the records are explained without an effect, too)." if alone else ")."),)
+
+
+def _fewer_do(general: Begun, simple: Diagnosis) -> bool:
+    return len(simple.end.effects) > FEWER and general.left_beside(simple, FEWER) <= NAMED
 
 
 def _things(found: Diagnosis) -> int:

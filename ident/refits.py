@@ -159,14 +159,18 @@ def linearised(problem: Problem, vector: Array) -> Linearised:
 def without(bench: Bench, state: State, old: Effect, roughly: float = FINELY) -> State:
     """The model refitted without one of its effects."""
     keep = [k for k, e in enumerate(state.effects) if not same(e, old)]
-    slots = _slots(state)
+    return fitted(bench, replace(some(state, keep), roughly=roughly))
+
+
+def some(state: State, keep: Sequence[int]) -> Refit:
+    """The model to be refitted with those of its effects at these places, dry friction from anywhere."""
+    slots, base = _slots(state), state.problem.base
     use = np.concatenate([slots[k] for k in keep]) if keep else np.zeros(0, dtype=int)
-    base = state.problem.base
     vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][use]])
     effects, scales, limits = (
         tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use), tuple(state.limits[k] for k in use)
     )  # fmt: skip
-    return fitted(bench, Refit(vector, effects, scales, limits, roughly=roughly))
+    return Refit(vector, effects, scales, limits)
 
 
 def instead(state: State, old: Effect, other: State) -> Refit:

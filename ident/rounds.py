@@ -67,8 +67,10 @@ def _two(
 ) -> tuple[State, list[Added]] | None:
     """The model with two effects more, the first one of those that, of all that were tried, explain most of the records that fit:
     what is missing besides may bend the others."""
-    leaders = sorted((one for one in tried if not is_curve(one)), key=lambda one: one[1].minimum.chi2)[:LEADERS]
-    for _, lead in leaders:
+    leaders: dict[tuple[str, int | None, str], State] = {}
+    for candidate, lead in sorted((one for one in tried if not is_curve(one)), key=lambda one: one[1].minimum.chi2):
+        leaders.setdefault(candidate.key, lead)
+    for lead in list(leaders.values())[:LEADERS]:
         if lead.minimum.chi2 > LEADS * state.minimum.chi2:
             break
         progress(f"  none alone; with {told(lead.effects[-1])}:")

@@ -116,3 +116,25 @@ def test_what_has_fewer_causes_is_taken(
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
     assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
+
+
+@pytest.mark.parametrize(
+    ("effects", "beside", "by_general", "believed"),
+    [(3, 1.0, 1, False), (3, 5.0, 1, True), (2, 1.0, 1, True), (3, 1.0, 4, True)],
+)
+def test_links_that_do_without_two_effects_are_taken(
+    monkeypatch: pytest.MonkeyPatch, effects: int, beside: float, by_general: int, believed: bool
+) -> None:
+    """A body that is not symmetric looks like several effects of an arm that is."""
+
+    def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
+        def left(found: Left, fewer: int = 0) -> float:
+            assert fewer == 2
+            return beside
+
+        found = Left(model, 1.0, 1)
+        found.end.effects *= effects if model.factoring.believed else by_general
+        return SimpleNamespace(departs=True, diagnosed=lambda progress: found, left_beside=left)
+
+    monkeypatch.setattr(ident.either_model, "begin", begun)
+    assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
