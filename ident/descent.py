@@ -28,6 +28,8 @@ SOFTER = 4.0
 ROUGHLY = 0.01
 #: Share of chi^2 to which it comes back when motions with dry friction, found in turns, are found again.
 TURNED = 1e-3
+#: Cosine between changes that lead straight to where they end, and the share of the one before it that the last one is.
+STRAIGHT, SLOWLY = 0.9, (0.2, 0.9)
 #: Share of the chi^2 with which the last descent began that one before it had, which then is better: another motion was found
 #: since, and the way from there leads elsewhere.
 LOST = 0.8
@@ -57,52 +59,94 @@ def minimise(
         return _minimised(sums, vector, doubts, outer, roughly)
 
 
+@dataclass
+class _Place:
+    """Where a descent is: parameters, chi^2, half its gradient and Hessian there; damping of the next step, whether the way winds."""
+
+    vector: Array
+    chi2: float
+    slope: Array
+    information: Array
+    damping: float = 1e-3
+    winding: bool = False
+
+    def weighed(self, sums: Sums, vector: Array, doubt: float) -> None:
+        """Goes to `vector`, weights and motions made anew."""
+        sums.hold(vector, doubt)
+        self.vector, self.damping = vector, min(self.damping, 1e-3)
+        self.chi2, self.slope, self.information = sums.equations(vector)
+
+    def at(self, sums: Sums, converged: bool) -> Minimum:
+        return Minimum(self.vector, self.information, self.chi2, converged, sums.slid)
+
+
 def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, roughly: float) -> Minimum:
     """`minimise`, once somebody sums over the records."""
-    problem = sums.problem
-    converged, winding, damping, chi2, last, begun = False, False, 1e-3, np.inf, np.inf, np.inf
-    information = np.zeros((len(vector), len(vector)))
+    P, problem, last, begun = len(vector), sums.problem, np.inf, np.inf
+    place, converged = _Place(vector, np.inf, np.zeros(P), np.zeros((P, P))), False
     best: Minimum | None = None
-    for doubt in (*doubts, *[0.0] * outer):
-        sums.hold(vector, doubt)
-        chi2, slope, information = sums.equations(vector)
-        if not doubt and (best is None or chi2 < best.chi2):
-            best = Minimum(vector, information, chi2, False, sums.slid)
-        begun = chi2
-        begin, settled, damping = vector, False, min(damping, 1e-3)
-        for _ in range(FEW if roughly else INNER):
-            for refused in range(TRIALS):
-                step = _step(problem, vector, slope, information, damping)
-                if winding and damping < GENTLE:
-                    step = step + _bend(sums, vector, step, information, damping)
-                trial = _taken(problem, vector, step)
-                cost = sums.chi_squared(trial)
-                if cost <= chi2:
-                    break
-                damping *= 5.0
-            else:
-                settled = bool(-step @ slope < SMALL_STEP)
-                break
-            if not (winding and refused):
-                damping = max(damping / 5.0, 1e-12)
-            vector, moved, before = trial, float(step @ information @ step), chi2
-            chi2, slope, information = sums.equations(vector)
-            little = max(ROUGHLY if doubt else 0.0, roughly) * before
-            promised = float(-_step(problem, vector, slope, information, SLACK) @ slope)
-            winding = winding or before - chi2 < WINDING * promised
-            if (moved < SMALL_STEP**2 and promised < SMALL_STEP) or max(before - chi2, promised) < little:
-                settled = True
-                break
-        shift = (vector - begin) / problem.scale
-        small = shift @ information @ shift < (10.0 * SMALL_STEP) ** 2
+    plain: Array | None = None
+    shifted = np.zeros(P)
+    for left, doubt in zip(range(len(doubts) + outer, 0, -1), (*doubts, *[0.0] * outer), strict=True):
+        place.weighed(sums, vector, doubt)
+        if plain is not None and place.chi2 > begun:
+            place.weighed(sums, plain, doubt)
+        if not doubt and (best is None or place.chi2 < best.chi2):
+            best = place.at(sums, False)
+        begun, begin = place.chi2, place.vector
+        settled = _descended(sums, place, max(ROUGHLY if doubt else 0.0, roughly), FEW if roughly else INNER)
+        vector, shift = place.vector, (place.vector - begin) / problem.scale
+        small = shift @ place.information @ shift < (10.0 * SMALL_STEP) ** 2
         same = max(roughly, TURNED if sums.slid else 0.0)
-        if not doubt and settled and (small or abs(last - chi2) < same * chi2):
+        if not doubt and settled and (small or abs(last - place.chi2) < same * place.chi2):
             converged = True
             break
-        last = np.inf if doubt else chi2
+        last, plain = np.inf if doubt else place.chi2, None
+        if sums.slid and not doubt and left > 1:
+            further = _further(shifted, shift, place.information)
+            if further:
+                plain, vector = vector, np.clip(vector + further * problem.scale * shift, problem.low, problem.high)
+            shifted = np.zeros(P) if further else shift
     if best is not None and not converged and best.chi2 < LOST * begun:
         return best
-    return Minimum(vector, information, chi2, converged, sums.slid)
+    return place.at(sums, converged)
+
+
+def _descended(sums: Sums, place: _Place, least: float, steps: int) -> bool:
+    """Goes down from a place under its weights, at most so many steps, until chi^2 falls by less than the share `least`, or no step
+    is to be made; whether it does."""
+    problem = sums.problem
+    for _ in range(steps):
+        for refused in range(TRIALS):
+            step = _step(problem, place.vector, place.slope, place.information, place.damping)
+            if place.winding and place.damping < GENTLE:
+                step = step + _bend(sums, place.vector, step, place.information, place.damping)
+            trial = _taken(problem, place.vector, step)
+            if sums.chi_squared(trial) <= place.chi2:
+                break
+            place.damping *= 5.0
+        else:
+            return bool(-step @ place.slope < SMALL_STEP)
+        if not (place.winding and refused):
+            place.damping = max(place.damping / 5.0, 1e-12)
+        moved, before = float(step @ place.information @ step), place.chi2
+        place.vector, (place.chi2, place.slope, place.information) = trial, sums.equations(trial)
+        promised = float(-_step(problem, trial, place.slope, place.information, SLACK) @ place.slope)
+        fell = before - place.chi2
+        place.winding = place.winding or fell < WINDING * promised
+        if (moved < SMALL_STEP**2 and promised < SMALL_STEP) or max(fell, promised) < least * before:
+            return True
+    return False
+
+
+def _further(before: Array, now: Array, information: Array) -> float:
+    """How many times the last change of the parameters (in their scales) is missing to their fixed point, which changes that shrink
+    evenly approach, or swing about (A. C. Aitken, Proc. Roy. Soc. Edinburgh 46 (1926)); 0 where they do not."""
+    square, along, new = before @ information @ before, before @ information @ now, now @ information @ now
+    if not square > 0.0 or abs(along) < STRAIGHT * np.sqrt(square * new):
+        return 0.0
+    ratio = float(along / square)
+    return ratio / (1.0 - ratio) if SLOWLY[0] < abs(ratio) < SLOWLY[1] else 0.0
 
 
 def _bend(sums: Sums, vector: Array, step: Array, information: Array, damping: float) -> Array:

@@ -15,7 +15,7 @@ from ident.arm_fit import Problem, hold, residual
 from ident.bench import simulate
 from ident.campaign import Array, Campaign
 from ident.coupled import Start, declared_start, problem_of
-from ident.descent import _step, _taken, minimise
+from ident.descent import _further, _step, _taken, minimise
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.sensor import JointZeroOffset
@@ -195,3 +195,42 @@ def test_a_fit_that_another_motion_leads_astray_ends_where_it_was_best(monkeypat
     problem = Problem((), 0, 0, 1, (), one, -9.0 * one, 9.0 * one, one > 0.0, lambda scene, q: scene)
     found = minimise(problem, np.zeros(1), (), len(valleys))
     assert np.allclose(found.vector, 1.0, atol=1e-3) and found.chi2 < 200.0 and not found.converged
+
+
+@pytest.mark.parametrize(("answers", "holds"), [(-0.65, 5), (0.65, 5)])
+def test_motions_that_swing_about_the_minimum_or_creep_to_it_are_met_there(
+    monkeypatch: pytest.MonkeyPatch, answers: float, holds: int
+) -> None:
+    """Each motion, found at the parameters, has its minimum so many times as far on the other side, or this."""
+    held = []
+
+    class Swings(Sums):
+        def hold(self, vector: Array, doubt: float = 0.0) -> None:
+            self.bottom, self.left, self.slid = (
+                2.0 + answers * (vector - 2.0),
+                1.0 + 1e3 * float((vector[0] - 2.0) ** 2),
+                {0: {}},
+            )
+            held.append(vector)
+
+        def equations(self, vector: Array) -> tuple[float, Array, Array]:
+            away = vector - self.bottom
+            return self.left + 1e4 * float(away @ away), 1e4 * away, 1e4 * np.eye(1)
+
+        def chi_squared(self, vector: Array) -> float:
+            return self.equations(vector)[0]
+
+    monkeypatch.setattr("ident.descent.summed", lambda problem: nullcontext(Swings(problem, None, [])))
+    one = np.ones(1)
+    problem = Problem((), 0, 0, 1, (), one, -9.0 * one, 9.0 * one, one > 0.0, lambda scene, q: scene)
+    found = minimise(problem, np.zeros(1), (), 8, 1e-4)
+    assert np.allclose(found.vector, 2.0, atol=1e-3) and found.converged and len(held) <= holds
+
+
+def test_what_leads_nowhere_is_not_followed() -> None:
+    square = np.eye(2)
+    assert _further(np.array([1.0, 0.0]), np.array([-0.6, 0.0]), square) == pytest.approx(-0.375)
+    assert _further(np.array([1.0, 0.0]), np.array([0.6, 0.0]), square) == pytest.approx(1.5)
+    assert _further(np.array([1.0, 0.0]), np.array([0.5, 0.5]), square) == 0.0  # not along it
+    assert _further(np.array([1.0, 0.0]), np.array([1.1, 0.0]), square) == 0.0  # it grows
+    assert _further(np.zeros(2), np.array([1.0, 0.0]), square) == 0.0
