@@ -23,22 +23,9 @@ from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.minima import NAMED, afresh, elsewhere, settled
 from ident.parts import Split, degrees, split, split_lines
-from ident.refits import (
-    Bench,
-    State,
-    all_fitted,
-    excess,
-    first,
-    same,
-    some,
-)
+from ident.refits import Bench, State, all_fitted, excess, first, same, some
 from ident.rounds import another
-from ident.trials import (
-    CLOSE,
-    ENOUGH,
-    explains,
-    winds_up,
-)
+from ident.trials import CLOSE, ENOUGH, explains, winds_up
 from symgen.plan import Model
 
 #: Effects added at most.

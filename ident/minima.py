@@ -45,7 +45,7 @@ def fully(bench: Bench, state: State) -> State:
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
         state = lowest(bench, starts)
         if excess(bench, state) > NAMED:  # springs behind each other may have changed places
-            declared = replace(state, minimum=replace(state.minimum, vector=_declared(bench, state)))
+            declared = replace(state, minimum=replace(state.minimum, vector=as_declared(bench, state)))
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
             state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
     state = _closely(bench, Refit.of(state), excess(bench, state))
@@ -111,7 +111,7 @@ def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
 
 def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
     """The model, or a better one fitted from the declared arm: what was missing has led this one far astray."""
-    again = replace(Refit.of(state), vector=_declared(bench, state))
+    again = replace(Refit.of(state), vector=as_declared(bench, state))
     other = _closely(bench, again, excess(bench, state))
     if other.select >= state.select:
         return state
@@ -119,7 +119,7 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
     return other
 
 
-def _declared(bench: Bench, state: State) -> Array:
+def as_declared(bench: Bench, state: State) -> Array:
     """The declared arm with the effects of a model."""
     return np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
 

@@ -23,6 +23,7 @@ from ident.trials import (
     Tried,
     ahead,
     at_minimum,
+    best_names,
     chosen,
     earned,
     explains,
@@ -67,10 +68,7 @@ def _two(
 ) -> tuple[State, list[Added]] | None:
     """The model with two effects more, the first one of those that, of all that were tried, explain most of the records that fit:
     what is missing besides may bend the others."""
-    leaders: dict[tuple[str, int | None, str], State] = {}
-    for candidate, lead in sorted((one for one in tried if not is_curve(one)), key=lambda one: one[1].minimum.chi2):
-        leaders.setdefault(candidate.key, lead)
-    for lead in list(leaders.values())[:LEADERS]:
+    for _, lead in best_names(tried, by=lambda one: one[1].minimum.chi2)[:LEADERS]:
         if lead.minimum.chi2 > LEADS * state.minimum.chi2:
             break
         progress(f"  none alone; with {told(lead.effects[-1])}:")
@@ -90,7 +88,7 @@ def _two(
 def _entered(
     bench: Bench, state: State, best: Tried | None, tried: Sequence[Tried], lin: Linearised, first: float
 ) -> tuple[State, Added] | None:
-    """The model with the best candidate, if it earns its place; `first` as in `_round`."""
+    """The model with the best candidate, if it earns its place; `first` as in `another`."""
     if best is None:
         return None
     new = since(bench, best[1])
@@ -138,7 +136,7 @@ def _entry(
 def _best(
     bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None], little: bool
 ) -> tuple[Tried | None, list[Tried]]:
-    """The candidate to be chosen beyond `state`, at its minimum, and all that were tried; as in `_round`."""
+    """The candidate to be chosen beyond `state`, at its minimum, and all that were tried; as in `another`."""
     tried: list[Tried] = []
     leader: Tried | None = None
     for more in [resting(bench, state, lin, progress)] if little else hasty(bench, state, lin, first, progress):

@@ -12,7 +12,7 @@ from ident.curves import curves
 from ident.effects.base import Effect, Law, only_forces, only_impedance
 from ident.effects.catalogue import CATALOGUE
 from ident.forked import forked
-from ident.minima import LEAST_GAIN, NAMED, elsewhere, fully, told
+from ident.minima import LEAST_GAIN, NAMED, as_declared, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
     FINELY,
@@ -173,8 +173,7 @@ def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str]
 
 def _from_declared(bench: Bench, state: State, found: Effect | None, progress: Callable[[str], None]) -> list[Tried]:
     """The likeliest names beyond the declared arm with the effects of `state`, or the effect that was `found` already."""
-    vector = np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
-    declared = linearised(state.problem, vector)
+    declared = linearised(state.problem, as_declared(bench, state))
     if found is not None:
         again = [c for c in [best_of(declared, type(found), found.joint)] if c is not None]
     else:
@@ -262,7 +261,7 @@ def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried
     is near, what promised most besides the best (it may have been far from its place), but not where a curve is, far ahead of all
     names, nor behind a law that is.
     """
-    named, drawn = _best_names(tried), sorted((one for one in tried if is_curve(one)), key=_select)
+    named, drawn = best_names(tried), sorted((one for one in tried if is_curve(one)), key=_select)
     near = CLOSE**2 * degrees(bench.split.select)
     if not named:
         return drawn[:1]
@@ -307,16 +306,16 @@ def _finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None
 def _law_leads(tried: Sequence[Tried], first: float) -> bool:
     """Whether the best of the names is a force and so far ahead of all others that none of these is it; impedances may have been
     far from their place. None leads that leaves more than `first`, what there is without it."""
-    named = _best_names(tried)
+    named = best_names(tried)
     if len(named) < 2 or _select(named[0]) >= first:
         return False
     return only_forces(named[0][0].effect) and _select(named[0]) <= AHEAD * _select(named[1])
 
 
-def _best_names(tried: Sequence[Tried]) -> list[Tried]:
-    """The best of each named effect at each joint, best first."""
+def best_names(tried: Sequence[Tried], by: Callable[[Tried], float] = _select) -> list[Tried]:
+    """The best of each named effect at each joint, best first, `by` chi^2 on the choosing records or something else."""
     found: dict[tuple[str, int | None, str], Tried] = {}
-    for one in sorted((one for one in tried if not is_curve(one)), key=_select):
+    for one in sorted((one for one in tried if not is_curve(one)), key=by):
         found.setdefault(one[0].key, one)
     return list(found.values())
 

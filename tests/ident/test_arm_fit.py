@@ -174,25 +174,40 @@ def test_at_another_posture_what_is_of_second_order_is_another_too() -> None:
     np.testing.assert_array_equal(moved.arm.J_rows, there.arm.J_rows)
 
 
+class Valley(Sums):
+    """What a record with one parameter leaves: a valley that is made anew by every motion."""
+
+    steep: float
+    bottom: Array | float
+    left: float
+
+    def equations(self, vector: Array) -> tuple[float, Array, Array]:
+        away = vector - self.bottom
+        return self.left + self.steep * float(away @ away), self.steep * away, self.steep * np.eye(1)
+
+    def chi_squared(self, vector: Array) -> float:
+        return self.equations(vector)[0]
+
+
+def along_a_line(monkeypatch: pytest.MonkeyPatch, sums: type[Valley]) -> Problem:
+    """A problem of one parameter that leaves what `sums` say."""
+    monkeypatch.setattr("ident.descent.summed", lambda problem: nullcontext(sums(problem, None, [])))
+    one = np.ones(1)
+    return Problem((), 0, 0, 1, (), one, -9.0 * one, 9.0 * one, one > 0.0, lambda scene, q: scene)
+
+
 def test_a_fit_that_another_motion_leads_astray_ends_where_it_was_best(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each motion makes a valley of its own: the third, found at the minimum of the second, leaves a hundred times as much."""
     valleys = [(1.0, 50.0), (2.0, 10.0), (3.0, 1000.0)]
     motions = iter(valleys)
 
-    class Valleys(Sums):
+    class Valleys(Valley):
+        steep = 100.0
+
         def hold(self, vector: Array, doubt: float = 0.0) -> None:
             self.bottom, self.left = next(motions)
 
-        def equations(self, vector: Array) -> tuple[float, Array, Array]:
-            away = vector - self.bottom
-            return self.left + 100.0 * float(away @ away), 100.0 * away, 100.0 * np.eye(1)
-
-        def chi_squared(self, vector: Array) -> float:
-            return self.equations(vector)[0]
-
-    monkeypatch.setattr("ident.descent.summed", lambda problem: nullcontext(Valleys(problem, None, [])))
-    one = np.ones(1)
-    problem = Problem((), 0, 0, 1, (), one, -9.0 * one, 9.0 * one, one > 0.0, lambda scene, q: scene)
+    problem = along_a_line(monkeypatch, Valleys)
     found = minimise(problem, np.zeros(1), (), len(valleys))
     assert np.allclose(found.vector, 1.0, atol=1e-3) and found.chi2 < 200.0 and not found.converged
 
@@ -204,27 +219,35 @@ def test_motions_that_swing_about_the_minimum_or_creep_to_it_are_met_there(
     """Each motion, found at the parameters, has its minimum so many times as far on the other side, or this."""
     held = []
 
-    class Swings(Sums):
+    class Swings(Valley):
+        steep = 1e4
+
         def hold(self, vector: Array, doubt: float = 0.0) -> None:
-            self.bottom, self.left, self.slid = (
-                2.0 + answers * (vector - 2.0),
-                1.0 + 1e3 * float((vector[0] - 2.0) ** 2),
-                {0: {}},
-            )
+            self.bottom, self.slid = 2.0 + answers * (vector - 2.0), {0: {}}
+            self.left = 1.0 + 1e3 * float((vector[0] - 2.0) ** 2)
             held.append(vector)
 
-        def equations(self, vector: Array) -> tuple[float, Array, Array]:
-            away = vector - self.bottom
-            return self.left + 1e4 * float(away @ away), 1e4 * away, 1e4 * np.eye(1)
-
-        def chi_squared(self, vector: Array) -> float:
-            return self.equations(vector)[0]
-
-    monkeypatch.setattr("ident.descent.summed", lambda problem: nullcontext(Swings(problem, None, [])))
-    one = np.ones(1)
-    problem = Problem((), 0, 0, 1, (), one, -9.0 * one, 9.0 * one, one > 0.0, lambda scene, q: scene)
+    problem = along_a_line(monkeypatch, Swings)
     found = minimise(problem, np.zeros(1), (), 8, 1e-4)
     assert np.allclose(found.vector, 2.0, atol=1e-3) and found.converged and len(held) <= holds
+
+
+def test_a_foreseen_place_that_leaves_more_is_left_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    held = []
+
+    class Trap(Valley):
+        steep = 1e4
+
+        def hold(self, vector: Array, doubt: float = 0.0) -> None:
+            self.bottom, self.slid = 2.0 - 0.65 * (vector - 2.0), {0: {}}
+            self.left = 1e9 if len(held) == 2 else 1.0 + 1e3 * float((vector[0] - 2.0) ** 2)
+            held.append(float(vector[0]))
+
+    found = minimise(along_a_line(monkeypatch, Trap), np.zeros(1), (), 3, 1e-4)
+    second = 2.0 + 0.65 * 2.0
+    assert held[:2] == pytest.approx([0.0, second], abs=1e-3)
+    assert held[3] == pytest.approx(2.0 - 0.65 * (second - 2.0), abs=1e-3)  # where the second motion has its minimum
+    assert found.chi2 < 1e4
 
 
 def test_what_leads_nowhere_is_not_followed() -> None:
