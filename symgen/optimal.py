@@ -23,8 +23,8 @@ from symgen.cells import Cells, Rows, ranked, spread, steady
 from symgen.chain import Array
 from symgen.holding import Holding
 
-#: The bound is close enough when no cell's variance exceeds d by more than this factor (a loss of 0.5 % of efficiency).
-CLOSE = 1.005
+#: The bound is close enough when no cell's variance exceeds d by more than this factor (a loss of 0.1 % of efficiency).
+CLOSE = 1.001
 
 #: The search is over when in so many rounds neither the weights nor the bound gain this part of the efficiency.
 _PATIENCE, _GAIN = 8, 1e-3
@@ -40,7 +40,7 @@ _TRIED, _REACHES, _SIDES, _ASKED = 2, (0.3, 0.1, 0.03, 0.01), 12, 3
 _WORTH = 0.1
 
 #: Steps of the weights (plain, then Newton's) and of the climb in one round.
-_PLAIN, _NEWTON, _CLIMB_STEPS = 10, 6, 20
+_PLAIN, _NEWTON, _CLIMB_STEPS = 10, 6, 12
 
 #: Weights are optimal when no used cell's variance differs from d by more than this part of it, and no other's exceeds it.
 _LEVEL = 2e-3

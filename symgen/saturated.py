@@ -18,8 +18,8 @@ from symgen.errors import PlanError
 from symgen.holding import Holding
 from symgen.optimal import Optimum
 
-#: Postures from which the search starts, and those over which it takes the amplification.
-CANDIDATES, _WORKSPACE = 500, 500
+#: Postures from which the search starts, and those over which it takes the amplification and its tail.
+CANDIDATES, _WORKSPACE, _WIDE = 500, 500, 2000
 
 #: An exchange must raise the determinant, or the merit, by more than this factor.
 _EXCHANGE_GAIN = 1.001
@@ -39,8 +39,8 @@ _DET_POWER = 6
 #: Exponent of the smooth maximum over the joints.
 _SHARPNESS = 8
 
-#: Plans whose amplification exceeds this at one posture in a thousand are worth less, by so much.
-_TAIL, _TAIL_WEIGHT = 1.6, 2.0
+#: Plans whose amplification exceeds the first of these, or the second at one posture in a thousand, are worth less, by so much.
+_WORST, _TAIL, _WORSE = 1.12, 1.6, 5.0
 
 #: Merits of two designs closer than this: mirror images of each other, or the same.
 _SAME = 1e-6
@@ -133,18 +133,21 @@ class Merit:
     """How good d cells are: log of det(F' F)^(6/d) / worst amplification, the worst joint as a smooth maximum."""
 
     def __init__(self, rows: Rows):
-        self._everywhere = rows(spread(rows.factoring.chain.limits, _WORKSPACE, 0.123))
-        self.moments = np.einsum("mid,mie->ide", self._everywhere, self._everywhere, optimize=True) / _WORKSPACE
+        limits = rows.factoring.chain.limits
+        some = rows(spread(limits, _WORKSPACE, 0.123))
+        self.moments = np.einsum("mid,mie->ide", some, some, optimize=True) / _WORKSPACE
+        self._everywhere = rows(spread(limits, _WIDE, 0.456))
 
     def __call__(self, F: Array) -> float:
         """The merit of the rows F [d, d]."""
         return self.with_slope(F)[0]
 
     def of_choice(self, F: Array) -> float:
-        """The merit of the rows F [d, d] to choose between plans by, rounded: less where the amplification has a tail."""
+        """The merit of the rows F [d, d] to choose between plans by, rounded: less where the amplification or its tail is large."""
         variance = ((self._everywhere @ np.linalg.inv(F)) ** 2).sum(axis=2)
+        worst = float(np.sqrt(variance.mean(axis=0).max()))
         tail = float(np.sqrt(np.quantile(variance, 0.999, axis=0).max()))
-        return round(self(F) - _TAIL_WEIGHT * max(tail - _TAIL, 0.0), 6)
+        return round(self(F) - _WORSE * (max(worst - _WORST, 0.0) + max(tail - _TAIL, 0.0)), 6)
 
     def with_slope(self, F: Array) -> tuple[float, Array]:
         """The merit of the rows F [d, d] and its derivative [d, d]. Raises LinAlgError if F is singular."""
@@ -195,8 +198,12 @@ def saturated(rows: Rows, first: Cells, best: Optimum, holding: Holding, search:
     distinct = [found[k][1] for k in range(len(found)) if k == 0 or found[k - 1][0] - found[k][0] > _SAME]
     starts = [*(options[chosen] for chosen in distinct[: search.designs]), first]
     designs = [refined(rows, merit, cells, holding, search.steps) for cells in starts]
-    winner = max(designs, key=lambda cells: merit.of_choice(rows.of_cells(cells)))
-    return refined(rows, merit, winner, holding, search.last_steps)
+
+    def worth(cells: Cells) -> float:
+        return merit.of_choice(rows.of_cells(cells))
+
+    winner = max(designs, key=worth)
+    return max(winner, refined(rows, merit, winner, holding, search.last_steps), key=worth)
 
 
 def _telling(F: Array, joint: NDArray[np.int64]) -> NDArray[np.int64]:
