@@ -149,6 +149,12 @@ def catalogue(lin: Linearised, taken: Sequence[Effect], workers: int = 1) -> lis
     return sorted(found, key=lambda c: -c.gain)
 
 
+def surest(lin: Linearised, workers: int = 1) -> float:
+    """The largest fall of chi^2 that an effect of the catalogue promises just as it stands, the same one in all records."""
+    found = [c.effect for c in catalogue(lin, (), workers) if type(c.effect).shares is Effect.shares]
+    return max((lin.step([added(lin, effect)])[1] for effect in found), default=0.0)
+
+
 def _in_fit(kind: type[Effect]) -> bool:
     """Whether the fitted arm has to be told of an effect: no number that it has of its own does the same."""
     return not kind.declared or kind.shares is not Effect.shares or kind.impedance is not Effect.impedance

@@ -15,13 +15,14 @@ from ident.bench import simulate
 from ident.campaign import Array, Campaign
 from ident.candidates import catalogue, nearer, otherwise
 from ident.coupled import declared_start
-from ident.diagnose import Diagnosis, diagnose
+from ident.departures import groups
+from ident.diagnose import Begun, Diagnosis, begin, diagnose
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.learned import learned
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.parts import split, split_lines, united
-from ident.refits import HASTILY, Bench, Refit, fitted, linearised
+from ident.refits import HASTILY, Bench, Refit, excess, fitted, linearised
 from ident.trace import linearise
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
@@ -62,6 +63,22 @@ def test_nothing_is_found_where_nothing_is(model: Model) -> None:
         assert np.all(one.use ^ kept.use)
     information = found.end.minimum.information
     assert np.linalg.slogdet(information)[1] > np.linalg.slogdet(fewer(found))[1]
+
+
+def test_an_effect_that_no_group_of_lines_shows_is_looked_for(model: Model) -> None:
+    faint, clean = (begun(model, *effects) for effects in (("input-delay:time=3e-6@joint2",), ()))
+    parts = faint.bench.split
+    assert excess(faint.bench, faint.start) < 1.1 and not groups(faint.bench, faint.start, parts.fit + parts.select)
+    assert faint.departs and not clean.departs
+    found = faint.diagnosed()
+    assert found.status == "effect-found"
+    (effect,) = found.end.effects
+    assert (effect.name, effect.joint) == ("input-delay", 1) and effect.values[0] == pytest.approx(3e-6, rel=0.15)
+
+
+def begun(model: Model, *effects: str) -> Begun:
+    measured = campaign(*effects)
+    return begin(measured, model, tuple(estimate(record, measured) for record in measured.records))
 
 
 def fewer(found: Diagnosis) -> Array:
