@@ -2,6 +2,7 @@
 
 python tests/bench/bench_loop.py                          all of it (resumable), tests/bench/RESULTS_LOOP.md at its end
 python tests/bench/bench_loop.py --only one --count 30    a quick look: the table on the screen
+python tests/bench/bench_loop.py --only faint             single effects made so small that they just show
 python tests/bench/bench_loop.py --case one-1-004         one case again, with all that the diagnosis says on its way
 python tests/bench/bench_loop.py --robot DIR --only one --count 30    draws of another robot
 """
@@ -38,6 +39,8 @@ from ident.errors import ExperimentError
 from ident.store import read_campaign, write_campaign
 
 COUNTS = {"clean": 100, "one": 156, "two": 52, "outside": 56}
+#: How many faint ones where these are asked for.
+FAINT = 30
 RESULTS = HERE / "RESULTS_LOOP.md"
 #: One case in so many, on the average, is of a given robot and effect.
 RAREST = 400
@@ -68,8 +71,8 @@ def main() -> int:
         chosen = [list(cases(kind, int(index) + 1, int(seed), _other(options)))[-1]]
         print(json.dumps(_worked(Job(chosen[0], records, results, True), print), indent=1))
         return 0
-    kinds = [options.only] if options.only else KINDS_OF_CASE
-    counts = {kind: options.count if options.count is not None else COUNTS[kind] for kind in kinds}
+    kinds = [options.only] if options.only else list(COUNTS)
+    counts = {kind: COUNTS.get(kind, FAINT) if options.count is None else options.count for kind in kinds}
     wanted = [case for kind in kinds for case in _wanted(kind, counts[kind], options)]
     jobs = [Job(case, records, results, options.keep) for case in wanted if not (results / f"{case.id}.json").exists()]
     jobs.sort(key=lambda job: job.case.robot != "arm6")  # the long ones first: none is waited for at the end

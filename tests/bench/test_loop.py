@@ -10,6 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "ident"))
 
 from draws import RANGES, RIGID, SILENT
+from loop import cases as study
 from loop.cases import KINDS_OF_CASE, LARGE, cases, sized
 from loop.judge import ASKED, judged
 from loop.table import failures, table
@@ -30,6 +31,19 @@ def test_a_case_does_not_depend_on_how_many_there_are() -> None:
     assert all(c.lock == ("rigid" if c.name in RIGID else "dob") for c in one)
     assert sum(c.robot == "arm6" for c in one) == pytest.approx(len(one) / LARGE, abs=2)
     assert [c.rng().random() for c in cases("two", 3, 1)] == [c.rng().random() for c in cases("two", 3, 1)]
+
+
+@pytest.mark.parametrize(("law", "expected"), [(1.0, 3.7), (3.0, 4.0)])
+def test_a_faint_effect_just_shows(law: float, expected: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In proportion to its size at once; by the cube of it in steps that do not lose it."""
+    (case,) = [one for one in cases("faint", 20, 1) if one.name == "motor-coulomb"]
+    start = CATALOGUE["motor-coulomb"](1, (10.0,))
+    monkeypatch.setattr(study, "_shown", lambda case: (study.Drawn((start,), 10.0**law, 0.0, 1), None))
+    monkeypatch.setattr(study, "measured", lambda case, effects: effects[0])
+    monkeypatch.setattr(study, "shows", lambda case, effect: (effect.values[0] ** law, 0.0))
+    known, records = study._faint(case)
+    assert records is known.effects[0] and study.SHOWS <= known.refitted <= study.FAINT[1]
+    assert known.refitted == pytest.approx(expected, rel=0.2)
 
 
 def test_larger_means_more_of_it() -> None:

@@ -41,11 +41,14 @@ GRIDS, PERIODS = (0.5, 0.2, 0.5, 0.8), 5
 TIMES, ENOUGH = 2, 20
 #: One draw in so many is of the large arm.
 LARGE = 12
-KINDS_OF_CASE = ("clean", "one", "two", "outside")
+KINDS_OF_CASE = ("clean", "one", "two", "outside", "faint")
 #: Single draws of which pairs are made.
 SINGLES = 150
 #: A draw shows when the rms of the whitened residual is this large in some band of some joint of some record.
 SHOWS = 3.0
+#: What is to be faint is made smaller so many times at most, by no more than this factor, towards the first of these, while it
+#: shows by more than the second.
+FAINTER, LEAST_FACTOR, FAINT = 5, 0.02, (3.7, 5.0)
 #: Bands [Hz], and the least lines in one.
 BANDS, LEAST_LINES = (0.0, 1.0, 3.0, 10.0, 30.0, 1000.0), 8
 #: Numbers that are declared: the fit is free of them, so they show against the declared arm, not the refitted one.
@@ -97,10 +100,8 @@ def cases(kind: str, count: int, seed: int, robot: str = "") -> Iterator[Case]:
 
     robot: the directory of another one, of which all are.
     """
-    names = {
-        "one": [n for n in RANGES if n not in SILENT],
-        "outside": list(OUTSIDE_RANGES),
-    }.get(kind, [""])
+    catalogue = [n for n in RANGES if n not in SILENT]
+    names = {"one": catalogue, "faint": catalogue, "outside": list(OUTSIDE_RANGES)}.get(kind, [""])
     rng = np.random.default_rng([seed, KINDS_OF_CASE.index(kind)])
     order: list[str] = []
     while len(order) < count:
@@ -194,7 +195,7 @@ def _drawn(case: Case, path: Path, cache_directory: Path) -> tuple[Drawn, Campai
     if path.exists():
         known = _read(path)
         return known, measured(case, known.effects)
-    return _shown(case)
+    return _faint(case) if case.kind == "faint" else _shown(case)
 
 
 def _shown(case: Case) -> tuple[Drawn, Campaign]:
@@ -210,13 +211,36 @@ def _shown(case: Case) -> tuple[Drawn, Campaign]:
             except ExperimentError:
                 effect, fell = sized(effect, SMALLER), True
                 continue
-            refitted, declared = shows(case, campaign)
-            if (declared if case.name in DECLARED else refitted) >= SHOWS:
-                return Drawn((effect,), refitted, declared, draws), campaign
+            known = Drawn((effect,), *shows(case, campaign), draws)
+            if _size(case, known) >= SHOWS:
+                return known, campaign
             if fell:
                 break
             effect = sized(effect, LARGER)
     raise ExperimentError(f"{case.id}: {DRAWS} draws of {case.name} on {case.robot} and none that shows")
+
+
+def _size(case: Case, known: Drawn) -> float:
+    """How clearly the effect of a case shows."""
+    return known.declared if case.name in DECLARED else known.refitted
+
+
+def _faint(case: Case) -> tuple[Drawn, Campaign]:
+    """An effect of the case's name made so small that it just shows; what a law does need not be in proportion."""
+    known, campaign = _shown(case)
+    aim, most = FAINT
+    for _ in range(FAINTER):
+        factor = max(aim / _size(case, known), LEAST_FACTOR)
+        for smaller in (factor, factor**0.5, factor**0.25, factor**0.125):
+            if _size(case, known) <= most:
+                return known, campaign
+            effect = sized(known.effects[0], smaller)
+            records = measured(case, [effect])
+            new = Drawn((effect,), *shows(case, records), known.draws)
+            if _size(case, new) >= SHOWS:
+                known, campaign = new, records
+                break
+    return known, campaign
 
 
 def _two(case: Case, cache_directory: Path) -> tuple[Drawn, Campaign]:

@@ -27,6 +27,7 @@ ASKED = {
     "one": ("named first", "named", "port", "near noise", "J(q)"),
     "two": ("both named", "one named", "near noise"),
     "outside": ("not misnamed", "port", "joint", "place", "cut"),
+    "faint": ("named first", "named", "port", "near noise"),
 }
 
 
@@ -46,7 +47,7 @@ def judged(case: Case, truth: Sequence[Named], verdict: dict[str, Any]) -> dict[
     (true,) = truth
     port, joint = place(verdict)
     first = effects[0] if effects else None
-    if case.kind == "one":
+    if case.kind in ("one", "faint"):
         named = first is not None and stands_for(first, true)
         return {"named first": named, "named": all_named(truth, effects), "port": named or port == true["port"]} | near
     return {

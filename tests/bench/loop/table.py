@@ -23,10 +23,17 @@ ASKED = (
     ("outside", "cut", "outside the catalogue: error cut by half", None),
     ("one", "near noise", "one effect: held-out error after at most 1.1 x noise floor", 0.95),
     ("one", "J(q)", "one effect: J(q) at most twice as wrong as of clean records", None),
+    ("faint", "named first", "one effect that just shows: right name and joint first, or confounded with the first", 0.95),
+    ("faint", "port", "one effect that just shows: right port", 0.98),
+    ("faint", "near noise", "one effect that just shows: held-out error after at most 1.1 x noise floor", 0.95),
 )  # fmt: skip
 #: Seconds a diagnosis may take, and for how many records.
 SECONDS = {"ypp3": 20.0, "arm6": 180.0}
-MEANING = {"clean": "", "one": "one effect of the catalogue", "two": "two effects", "outside": "outside the catalogue"}
+MEANING = {
+    "one": "one effect of the catalogue",
+    "outside": "outside the catalogue",
+    "faint": "one effect that just shows",
+}
 
 
 def table(found: Sequence[Result]) -> str:
@@ -77,7 +84,7 @@ def table(found: Sequence[Result]) -> str:
             "",
             f"Not drawn (nothing that shows and leaves the arm standing): {', '.join(r['id'] for r in undrawn)}.",
         ]
-    for kind in ("one", "outside"):
+    for kind in MEANING:
         lines += _per_effect([r for r in found if r["kind"] == kind and r["scores"]], kind)
     return "\n".join(lines) + "\n"
 
