@@ -13,6 +13,7 @@ import numpy as np
 from ident.added import Added
 from ident.artefacts import artefacts
 from ident.campaign import Campaign
+from ident.choice import LEAST_SHARE
 from ident.confounded import NEVER, Separation, never_told_apart, separation
 from ident.contradicted import Off
 from ident.coupled import degrees_of_freedom, uncertainty
@@ -28,7 +29,6 @@ from ident.minima import LEAST_GAIN
 from ident.plain import plain, replace_file
 from ident.refits import State
 from ident.solve import inertia_std
-from ident.trials import LEAST_SHARE
 from symgen.plan import Model
 
 FORMAT, VERSION = "frf-verdict", 1

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.added import Added
+from ident.choice import ALIKE, TIE, Tried, best_names, chosen, is_curve, vanished
 from ident.departures import errors
 from ident.effects.base import Effect
 from ident.forked import forked
@@ -15,25 +16,7 @@ from ident.minima import fully, since, told
 from ident.parts import degrees, sampled
 from ident.refits import BY_ALL, FEW_SAMPLES, FEW_TURNS, FINELY, HASTILY, Bench, State, excess, linearised, without
 from ident.trace import Linearised, port_shares
-from ident.trials import (
-    AHEAD,
-    ALIKE,
-    CLOSE,
-    TIE,
-    Tried,
-    ahead,
-    at_minimum,
-    best_names,
-    chosen,
-    earned,
-    explains,
-    hasty,
-    is_curve,
-    outshines,
-    polished,
-    resting,
-    vanished,
-)
+from ident.trials import AHEAD, CLOSE, ahead, at_minimum, earned, explains, hasty, outshines, polished, resting
 
 #: Rivals whose errors are told.
 RIVALS = 3

@@ -1,4 +1,4 @@
-"""Candidates tried: refitted with everything, the best finely; which one is chosen, and what it becomes at its minimum."""
+"""Candidates tried: refitted with everything, the best finely; what one that is far ahead becomes at its minimum."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
+from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by
 from ident.curves import curves
 from ident.effects.base import Effect, Law, only_forces, only_impedance
-from ident.effects.catalogue import CATALOGUE
 from ident.forked import forked
 from ident.minima import LEAST_GAIN, NAMED, as_declared, elsewhere, fully, told
 from ident.parts import degrees
@@ -47,12 +47,6 @@ UNLIKELY = 0.1
 FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
 #: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
 PATIENT, STILL = 8, 0.9
-#: An effect earns its place with this share of what was in excess, besides `LEAST_GAIN`.
-LEAST_SHARE = 0.2
-#: A learned curve takes a name's place where it leaves less than this share of what the name leaves.
-CURVE_RATIO = 0.3
-#: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
-TIE, ALIKE = 12.0, 0.05
 #: How many times the noise the error of a model is that is near.
 CLOSE = 3.0
 #: Share of what was in excess without effects below which nothing more is looked for once little is left; where much is, an
@@ -60,18 +54,6 @@ CLOSE = 3.0
 ENOUGH, REST = 3e-3, 0.2
 #: Share of a small rest that an effect must promise to be tried.
 MOST = 0.5
-
-
-#: A candidate as it was promised, and the model refitted with it.
-Tried = tuple[Candidate, State]
-
-
-def is_curve(one: Tried) -> bool:
-    return one[0].effect.name == "unknown"
-
-
-def _select(one: Tried) -> float:
-    return one[1].select
 
 
 def explains(bench: Bench, state: State, first: float, near: float = CLOSE) -> bool:
@@ -136,7 +118,7 @@ def _left(state: State, lin: Linearised) -> float:
 
 def _explaining(bench: Bench, tried: Sequence[Tried], first: float) -> Effect | None:
     """The effect of the best name, if it explains the records."""
-    name = min((one for one in tried if not is_curve(one)), key=_select, default=None)
+    name = min((one for one in tried if not is_curve(one)), key=left_by, default=None)
     return None if name is None or not explains(bench, name[1], first, CLOSE**2) else name[0].effect
 
 
@@ -156,7 +138,7 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable
 
 def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
     """The candidates, the best fitted finely where it is near the noise: it may leave nothing, and nothing else need be tried."""
-    best = min(tried, key=_select, default=None)
+    best = min(tried, key=left_by, default=None)
     if best is None or not NAMED < excess(bench, best[1]) <= CLOSE**2:
         return tried
     state = fitted(bench, Refit.of(best[1]))
@@ -218,8 +200,8 @@ def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> 
 def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
     """A name so far ahead of all other candidates that these need not be fitted finely; none if it leaves nothing already, where only
     those near it are; `first` as in `explains`."""
-    order = sorted(tried, key=_select)
-    if len(order) < 2 or is_curve(order[0]) or _select(order[0]) > min(LEADING * _select(order[1]), first):
+    order = sorted(tried, key=left_by)
+    if len(order) < 2 or is_curve(order[0]) or left_by(order[0]) > min(LEADING * left_by(order[1]), first):
         return None
     return None if explains(bench, order[0][1], first, CLOSE**2) else order[0]
 
@@ -245,12 +227,16 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     if not finalists:
         return list(tried)
     found = _finely(bench, finalists, progress) + [one for one in tried if all(one is not other for other in finalists)]
-    best_name = min((one for one in found if not is_curve(one)), key=_select, default=None)
-    if best_name is None:
+    named = best_names(found)
+    if not named:
         return found
+    best_name, likeliest = named[0], max(named, key=lambda one: one[0].gain)
+    if likeliest is not best_name and (other := _other_whole(bench, likeliest[1], progress)) is not likeliest[1]:
+        found = [(one[0], other) if one is likeliest else one for one in found]
+        best_name = best_names(found)[0]
     better = _wound_up(bench, _otherwise(bench, best_name[1], progress), progress)
     far = not explains(bench, better, first) or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
-    curve = min((_select(one) for one in found if is_curve(one)), default=np.inf)
+    curve = min((left_by(one) for one in found if is_curve(one)), default=np.inf)
     if far and curve > UNLIKELY * better.select:
         better = elsewhere(bench, better, better.effects[-1], progress)
     return [(one[0], better) if one is best_name else one for one in found]
@@ -261,19 +247,19 @@ def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried
     is near, what promised most besides the best (it may have been far from its place), but not where a curve is, far ahead of all
     names, nor behind a law that is.
     """
-    named, drawn = best_names(tried), sorted((one for one in tried if is_curve(one)), key=_select)
+    named, drawn = best_names(tried), sorted((one for one in tried if is_curve(one)), key=left_by)
     near = CLOSE**2 * degrees(bench.split.select)
     if not named:
         return drawn[:1]
     left = excess(bench, named[0][1])
     if explains(bench, named[0][1], first, CLOSE**2):
-        rivals = [one for one in named[:FINALISTS] + (drawn[:1] if left > NAMED else []) if _select(one) <= near]
+        rivals = [one for one in named[:FINALISTS] + (drawn[:1] if left > NAMED else []) if left_by(one) <= near]
         return rivals if len(rivals) > 1 or left > NAMED else []
     if _law_leads(tried, first):
         return named[:1] + drawn[:1]
     finalists = named[:FINALISTS] + drawn[:1]
-    by_curve = drawn and _select(drawn[0]) <= min(near, UNLIKELY * _select(named[0]))
-    if _select(named[0]) > near and not by_curve:
+    by_curve = drawn and left_by(drawn[0]) <= min(near, UNLIKELY * left_by(named[0]))
+    if left_by(named[0]) > near and not by_curve:
         finalists += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
     return finalists
 
@@ -284,17 +270,17 @@ def _finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None
     settled = [one for one in tried if one[1].roughly <= FINELY]
     falling = [one for one in tried if one[1].roughly > FINELY]
     for _ in range(1 + PATIENCE):
-        before = list(map(_select, falling))
+        before = list(map(left_by, falling))
         new = all_fitted(bench, [Refit.of(state) for _, state in falling])
         finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]
         for _, state in finer:
             progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
-        best = min(settled + finer, key=_select)
+        best = min(settled + finer, key=left_by)
         falling = []
         for one, was in zip(finer, before, strict=True):
-            fell = _select(one) / was
-            if _select(best) <= near:  # only a name that is on its way to where a curve is: it may be what that plays
-                goes_on = is_curve(best) and not is_curve(one) and fell * _select(one) < _select(best)
+            fell = left_by(one) / was
+            if left_by(best) <= near:  # only a name that is on its way to where a curve is: it may be what that plays
+                goes_on = is_curve(best) and not is_curve(one) and fell * left_by(one) < left_by(best)
             else:
                 goes_on = fell < FALLING
             (falling if goes_on else settled).append(one)
@@ -307,23 +293,9 @@ def _law_leads(tried: Sequence[Tried], first: float) -> bool:
     """Whether the best of the names is a force and so far ahead of all others that none of these is it; impedances may have been
     far from their place. None leads that leaves more than `first`, what there is without it."""
     named = best_names(tried)
-    if len(named) < 2 or _select(named[0]) >= first:
+    if len(named) < 2 or left_by(named[0]) >= first:
         return False
-    return only_forces(named[0][0].effect) and _select(named[0]) <= AHEAD * _select(named[1])
-
-
-def best_names(tried: Sequence[Tried], by: Callable[[Tried], float] = _select) -> list[Tried]:
-    """The best of each named effect at each joint, best first, `by` chi^2 on the choosing records or something else."""
-    found: dict[tuple[str, int | None, str], Tried] = {}
-    for one in sorted((one for one in tried if not is_curve(one)), key=by):
-        found.setdefault(one[0].key, one)
-    return list(found.values())
-
-
-def vanished(effect: Effect) -> bool:
-    """Whether nothing is left of an effect: all its sizes are zero, whatever its other values are."""
-    sizes = [value - p.zero for value, p in zip(effect.values, effect.parameters, strict=True) if p.zero is not None]
-    return bool(sizes) and not any(sizes)
+    return only_forces(named[0][0].effect) and left_by(named[0]) <= AHEAD * left_by(named[1])
 
 
 def winds_up(effect: Effect) -> bool:
@@ -350,8 +322,13 @@ def _wound_up(bench: Bench, state: State, progress: Callable[[str], None]) -> St
 def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
     """The model, or a better one whose last effect has another whole number, of turns or of a record: what was missing bent the
     arm from which it was read."""
+    return state if excess(bench, state) < NAMED else _other_whole(bench, state, progress)
+
+
+def _other_whole(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+    """The model, or a better one whose last effect has another whole number."""
     effect = state.effects[-1]
-    if excess(bench, state) < NAMED or not any(p.whole for p in effect.parameters):
+    if not any(p.whole for p in effect.parameters):
         return state
     count = len(effect.values)
     less = bench.problem(state.problem.data, state.effects[:-1], state.scales[:-count], state.limits[:-count])
@@ -366,34 +343,3 @@ def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> S
     best = fitted(bench, Refit.of(best))
     progress(f"  otherwise, {told(best.effects[-1])}: {excess(bench, best):.4g}")
     return best if best.select < state.select else state
-
-
-def chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
-    """The candidate that is chosen: the best name, or the best curve where no name earns what that does; `before` is
-    chi^2 on the choosing records without any."""
-    dof = degrees(bench.split.select)
-    name = _plainest([one for one in tried if not is_curve(one)], dof)
-    curve = min((one for one in tried if is_curve(one)), key=_select, default=None)
-    earned = name is not None and before - _select(name) > max(LEAST_GAIN, LEAST_SHARE * (before - dof))
-    if name is None or (curve is not None and (not earned or _much_better(bench, _select(curve) - dof, name[1]))):
-        return curve
-    return name
-
-
-def _plainest(named: Sequence[Tried], dof: int) -> Tried | None:
-    """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters."""
-    if not named:
-        return None
-    least = min(pair[1].select for pair in named)
-    limit = least + TIE + 2.0 * FINELY * dof + ALIKE * max(least - dof, 0.0)  # as far as descents went
-    order = list(CATALOGUE)
-    return min(
-        (pair for pair in named if pair[1].select <= limit),
-        key=lambda pair: (len(pair[0].effect.values), order.index(pair[0].effect.name), pair[1].select),
-    )
-
-
-def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
-    """Whether a learned curve, that can play any law of its variable, leaves so much less than a name that the name is wrong."""
-    by_name = named.select - degrees(bench.split.select)
-    return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and excess(bench, named) > NAMED

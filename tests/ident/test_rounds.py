@@ -11,12 +11,13 @@ import pytest
 from ident.bench import simulate
 from ident.campaign_model import model_of_campaign
 from ident.candidates import best_of
+from ident.choice import Tried
 from ident.diagnose import Begun, begin
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.frf import estimate
 from ident.refits import excess, linearised
 from ident.rounds import _two
-from ident.trials import Tried, refitted
+from ident.trials import refitted
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
 

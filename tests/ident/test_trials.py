@@ -8,12 +8,13 @@ from typing import Any
 import pytest
 
 import ident.trials
+from ident.choice import vanished
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorStribeck
 from ident.effects.learned import learned
-from ident.effects.spring import SpringHardening
+from ident.effects.spring import SpringHardening, TransmissionError
 from ident.refits import FINELY, HASTILY
-from ident.trials import _finely, _law_leads, ahead, vanished
+from ident.trials import _finely, _law_leads, ahead, polished
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -77,6 +78,21 @@ def test_what_is_fitted_finely_is_not_again(monkeypatch: pytest.MonkeyPatch) -> 
     finely = one(HARD, 1.5, FINELY)
     found = _finely(BENCH, [finely, one(CURVE, 77.0)], lambda line: None)
     assert again == [CURVE] and found[0] is finely and len(found) == 2
+
+
+@pytest.mark.parametrize(("promised", "best"), [(1100.0, TransmissionError), (100.0, LinkCoulomb)])
+def test_what_promised_most_is_fitted_with_another_whole_number(
+    promised: float, best: type[Effect], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was of an order read from what another arm left."""
+    second, first = (TransmissionError(1, (1e-4, order, 0.0)) for order in (2.0, 1.0))
+    tried = [one(DRY, 1.03, FINELY), one(second, 1.11, FINELY)]
+    for (candidate, _), gain in zip(tried, (450.0, promised), strict=True):
+        candidate.gain = gain
+    monkeypatch.setattr(ident.trials, "all_fitted", lambda bench, refits: [])
+    monkeypatch.setattr(ident.trials, "_other_whole", lambda bench, state, progress: one(first, 0.94)[1])
+    found = polished(BENCH, tried, 1.34 * DOF, lambda line: None)
+    assert type(min(found, key=lambda pair: pair[1].select)[1].effects[-1]) is best
 
 
 def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:

@@ -1,0 +1,76 @@
+"""Candidates that were tried: the names and curves among them, and which one is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from ident.candidates import Candidate
+from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
+from ident.minima import LEAST_GAIN, NAMED
+from ident.parts import degrees
+from ident.refits import FINELY, Bench, State, excess
+
+#: An effect earns its place with this share of what was in excess, besides `LEAST_GAIN`.
+LEAST_SHARE = 0.2
+#: A learned curve takes a name's place where it leaves less than this share of what the name leaves.
+CURVE_RATIO = 0.3
+#: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
+TIE, ALIKE = 12.0, 0.05
+
+#: A candidate as it was promised, and the model refitted with it.
+Tried = tuple[Candidate, State]
+
+
+def is_curve(one: Tried) -> bool:
+    return one[0].effect.name == "unknown"
+
+
+def left_by(one: Tried) -> float:
+    """chi^2 on the choosing records."""
+    return one[1].select
+
+
+def best_names(tried: Sequence[Tried], by: Callable[[Tried], float] = left_by) -> list[Tried]:
+    """The best of each named effect at each joint, best first, `by` chi^2 on the choosing records or something else."""
+    found: dict[tuple[str, int | None, str], Tried] = {}
+    for one in sorted((one for one in tried if not is_curve(one)), key=by):
+        found.setdefault(one[0].key, one)
+    return list(found.values())
+
+
+def vanished(effect: Effect) -> bool:
+    """Whether nothing is left of an effect: all its sizes are zero, whatever its other values are."""
+    sizes = [value - p.zero for value, p in zip(effect.values, effect.parameters, strict=True) if p.zero is not None]
+    return bool(sizes) and not any(sizes)
+
+
+def chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
+    """The candidate that is chosen: the best name, or the best curve where no name earns what that does; `before` is
+    chi^2 on the choosing records without any."""
+    dof = degrees(bench.split.select)
+    name = _plainest([one for one in tried if not is_curve(one)], dof)
+    curve = min((one for one in tried if is_curve(one)), key=left_by, default=None)
+    earned = name is not None and before - left_by(name) > max(LEAST_GAIN, LEAST_SHARE * (before - dof))
+    if name is None or (curve is not None and (not earned or _much_better(bench, left_by(curve) - dof, name[1]))):
+        return curve
+    return name
+
+
+def _plainest(named: Sequence[Tried], dof: int) -> Tried | None:
+    """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters."""
+    if not named:
+        return None
+    least = min(pair[1].select for pair in named)
+    limit = least + TIE + 2.0 * FINELY * dof + ALIKE * max(least - dof, 0.0)  # as far as descents went
+    order = list(CATALOGUE)
+    return min(
+        (pair for pair in named if pair[1].select <= limit),
+        key=lambda pair: (len(pair[0].effect.values), order.index(pair[0].effect.name), pair[1].select),
+    )
+
+
+def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
+    """Whether a learned curve, that can play any law of its variable, leaves so much less than a name that the name is wrong."""
+    by_name = named.select - degrees(bench.split.select)
+    return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and excess(bench, named) > NAMED
