@@ -62,7 +62,7 @@ class _Work:
 
 _WORK = {
     "draft": _Work(3, Search(3, 1, 0, 30), 0, 0, 0, 1.0),
-    "quick": _Work(18, Search(12, 3, 30, 60), 2, 4, 5, 0.901),
+    "quick": _Work(12, Search(12, 3, 30, 60), 3, 6, 5, 0.901),
     "full": _Work(40, Search(40, 8, 60, 180), 5, 4, 12, 0.93),
 }
 

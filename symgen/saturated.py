@@ -19,7 +19,7 @@ from symgen.holding import Holding
 from symgen.optimal import Optimum
 
 #: Postures from which the search starts, and those over which it takes the amplification and its tail.
-CANDIDATES, _WORKSPACE, _WIDE = 500, 500, 2000
+CANDIDATES, _WORKSPACE, _WIDE = 500, 500, 1000
 
 #: An exchange must raise the determinant, or the merit, by more than this factor.
 _EXCHANGE_GAIN = 1.001
@@ -40,7 +40,7 @@ _DET_POWER = 6
 _SHARPNESS = 8
 
 #: Plans whose amplification exceeds the first of these, or the second at one posture in a thousand, are worth less, by so much.
-_WORST, _TAIL, _WORSE = 1.12, 1.6, 5.0
+_WORST, _TAIL, _WORSE = 1.12, 1.55, 5.0
 
 #: Merits of two designs closer than this: mirror images of each other, or the same.
 _SAME = 1e-6
@@ -197,13 +197,14 @@ def saturated(rows: Rows, first: Cells, best: Optimum, holding: Holding, search:
     found.sort(key=lambda one: -one[0])
     distinct = [found[k][1] for k in range(len(found)) if k == 0 or found[k - 1][0] - found[k][0] > _SAME]
     starts = [*(options[chosen] for chosen in distinct[: search.designs]), first]
-    designs = [refined(rows, merit, cells, holding, search.steps) for cells in starts]
 
-    def worth(cells: Cells) -> float:
-        return merit.of_choice(rows.of_cells(cells))
+    def judged(cells: Cells) -> tuple[float, Cells]:
+        return merit.of_choice(rows.of_cells(cells)), cells
 
-    winner = max(designs, key=worth)
-    return max(winner, refined(rows, merit, winner, holding, search.last_steps), key=worth)
+    designs = [judged(refined(rows, merit, cells, holding, search.steps)) for cells in starts]
+    worth, winner = max(designs, key=lambda one: one[0])
+    last = judged(refined(rows, merit, winner, holding, search.last_steps))
+    return last[1] if last[0] > worth else winner
 
 
 def _telling(F: Array, joint: NDArray[np.int64]) -> NDArray[np.int64]:
