@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -228,6 +229,7 @@ def _departs(bench: Bench, state: State) -> bool:
     return excess(bench, state) > 1.1 or bool(groups(bench, state, bench.split.fit + bench.split.select))
 
 
+@lru_cache(maxsize=2)  # who chooses between two models asks, and then the loop
 def _suspect(bench: Bench, state: State) -> bool:
     """Whether an effect of the catalogue promises what noise does not, though no group of lines departs: of many thousand lines
     those that it moves may be few."""
