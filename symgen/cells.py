@@ -16,6 +16,10 @@ from symgen.regressor import to_alpha
 #: v' M v = (v v') . FORMS . phi: how the energy of a twist v depends on the ten parameters of its body [36, 10].
 _FORMS = energy_row(np.eye(6)[:, None], np.eye(6)[None]).reshape(36, 10)
 
+#: The same for the different entries of v v' alone: places of the two factors [21], and the forms [21, 10].
+_ONE, _OTHER = np.triu_indices(6)
+_HALF_FORMS = np.where(_ONE == _OTHER, 1, 2)[:, None] * _FORMS[6 * _ONE + _OTHER]
+
 
 @dataclass(frozen=True)
 class Cells:
@@ -87,6 +91,12 @@ def _maps(joint: Joint) -> Array:
     return placed @ np.concatenate(parts, axis=1)
 
 
+def _phi_of(v: Array) -> Array:
+    """The rows [.., 10] with v' M v = row . phi of twists v [.., 6]."""
+    rows: Array = (v[..., _ONE] * v[..., _OTHER]) @ _HALF_FORMS
+    return rows
+
+
 @dataclass(frozen=True)
 class _Walk:
     """For body k and each cell: the twist `v[k]` [N, 6] when the cell's joint turns, in the frame of link k; its
@@ -111,18 +121,17 @@ class Rows:
 
     def __call__(self, q: Array, of: Factoring | None = None) -> Array:
         """All joints' rows at postures q [m, n]: [m, n, d]; with `of`, another factoring's rows in the same scaling."""
-        chain = self.factoring.chain
-        P = self._to_alpha if of is None else to_alpha(of, of.d)
-        C, J, v = np.zeros((len(q), chain.n, P.shape[1])), np.zeros((len(q), chain.n)), np.zeros((len(q), 0, 6))
-        shares, _ = self._shares(q)
+        chain, m = self.factoring.chain, len(q)
+        P = np.column_stack([self._to_alpha if of is None else to_alpha(of, of.d), chain.parameters])
+        C, v, (shares, _) = np.zeros((chain.n, m, P.shape[1])), np.zeros((0, m, 6)), self._shares(q)
         for k in range(chain.n):
-            parts = (v.reshape(-1, 6) @ self._maps[k]).reshape(len(q), k, 3, 6)
-            moved = (parts * shares[k][:, None, :, None]).sum(axis=2)
-            v = np.concatenate([moved, np.broadcast_to(motion(chain, k), (len(q), 1, 6))], axis=1)
-            phi = (v[..., :, None] * v[..., None, :]).reshape(len(q), k + 1, 36) @ _FORMS
-            C[:, : k + 1] += phi @ P[10 * k : 10 * k + 10]
-            J[:, : k + 1] += phi @ chain.parameters[10 * k : 10 * k + 10]
-        return C / (J + self.rotor)[..., None]
+            parts = (v.reshape(-1, 6) @ self._maps[k]).reshape(k, m, 3, 6)
+            moved = np.einsum("mf,imfx->imx", shares[k], parts)
+            v = np.concatenate([moved, np.broadcast_to(motion(chain, k), (1, m, 6))])
+            C[: k + 1] += _phi_of(v) @ P[10 * k : 10 * k + 10]
+        C = C.swapaxes(0, 1)
+        rows: Array = C[..., :-1] / (C[..., -1] + self.rotor)[..., None]
+        return rows
 
     def of_cells(self, cells: Cells, of: Factoring | None = None) -> Array:
         """One row a cell [N, d]; `of` as above."""
@@ -179,6 +188,5 @@ class Rows:
 
     def _phi(self, cells: Cells, walk: _Walk) -> tuple[Array, Array]:
         """The rows over all bodies' parameters [N, 10 n], and sigma [N, 1]."""
-        squares = (walk.v[..., :, None] * walk.v[..., None, :]).reshape(len(walk.v), len(cells), 36)
-        phi = (squares @ _FORMS).swapaxes(0, 1).reshape(len(cells), 10 * len(walk.v))
+        phi = _phi_of(walk.v).swapaxes(0, 1).reshape(len(cells), 10 * len(walk.v))
         return phi, (phi @ self.factoring.chain.parameters + self.rotor[cells.joint])[:, None]

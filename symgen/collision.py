@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -10,14 +12,19 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from symgen.chain import REVOLUTE, Array, Chain, Joint, skew
+from symgen.chain import Array, Chain
 from symgen.holding import Mask
+from symgen.kinematics import frames
 from symgen.quiet import quiet
 
 #: Shapes that touch at this share of random postures overlap by construction (neighbours in a gearbox), not by motion.
 _ALWAYS = 0.95
 #: Shapes whose bounding spheres are further apart than this [m] do not touch.
 _SLACK = 1e-6
+#: A mesh is solid when its smallest extent is more than this part of its largest.
+_SOLID = 1e-5
+#: A mesh that its convex hull exceeds by no more than this part of its extent is taken for the hull.
+_BULGE = 0.01
 _TRIALS = 40
 
 
@@ -96,15 +103,17 @@ def _mesh_file(name: str, urdf: Path) -> Path | None:
 def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
     """A test of all pairs of shapes on links that are no neighbours and do not overlap by construction."""
     shapes = geometry.geometryObjects
-    for a in range(len(shapes)):
-        for b in range(a + 1, len(shapes)):
-            one, two = shapes[a].parentJoint, shapes[b].parentJoint
-            if one != two and model.parents[one] != two and model.parents[two] != one:
-                geometry.addCollisionPair(pin.CollisionPair(a, b))
-    if not len(geometry.collisionPairs):
+    at = [shape.parentJoint for shape in shapes]
+    pairs = [
+        (a, b)
+        for a, b in combinations(range(len(shapes)), 2)
+        if at[a] != at[b] and model.parents[at[a]] != at[b] and model.parents[at[b]] != at[a]
+    ]
+    if not pairs:
         return None
+    _set_pairs(pin, geometry, pairs)
     joints = [model.joints[model.getJointId(name)] for name in chain.names]
-    neutral, data = np.array(pin.neutral(model)), model.createData()
+    neutral = np.array(pin.neutral(model))
 
     def configurations(q: Array) -> Array:
         full = np.tile(neutral, (len(q), 1))
@@ -115,27 +124,93 @@ def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
 
     low, high = chain.limits.T
     trials = low + (high - low) * np.random.default_rng(0).random((_TRIALS, chain.n))
-    hits = np.zeros(len(geometry.collisionPairs))
+    test, hits = _Test(pin, model, geometry), np.zeros(len(pairs))
     for q in configurations(trials):
-        found = geometry.createData()
-        pin.computeCollisions(model, data, geometry, found, q, False)
-        hits += [result.isCollision() for result in found.collisionResults]
-    always = np.flatnonzero(hits >= _ALWAYS * _TRIALS)
-    for pair in [geometry.collisionPairs[int(index)] for index in always]:
-        geometry.removeCollisionPair(pair)
-    found, unused = geometry.createData(), geometry.createData()
+        test.place(q)
+        hits += [test(k) for k in range(len(pairs))]
+    by_hits = np.argsort(-hits, kind="stable").tolist()  # what touches often is tested first
+    pairs = [pairs[k] for k in by_hits if hits[k] < _ALWAYS * _TRIALS]
+    _set_pairs(pin, geometry, pairs)
+    hulls_touch, shapes_touch = _Test(pin, model, _hulls(geometry)), _Test(pin, model, geometry)
+    is_hull = [_is_hull(shape.geometry) for shape in shapes]
+    exact = [is_hull[a] and is_hull[b] for a, b in pairs]
     close = _closeness(pin, model, geometry, chain)
 
     def touches(q: Array) -> NDArray[np.bool_]:
-        mask = np.zeros(len(q), dtype=bool)
-        for k, (row, near) in enumerate(zip(configurations(q), close(q), strict=True)):
-            # requests remember the last posture's guesses, with which many a touch is missed; these remember nothing
-            found.collisionRequests = unused.collisionRequests
-            pin.updateGeometryPlacements(model, data, geometry, found, row)
-            mask[k] = any(pin.computeCollision(geometry, found, pair) for pair in np.flatnonzero(near).tolist())
+        mask, rows, placed = np.zeros(len(q), dtype=bool), configurations(q), -1
+        for k, pair in np.argwhere(close(q)).tolist():  # posture by posture
+            if mask[k]:
+                continue
+            if k != placed:
+                placed = k
+                hulls_touch.place(rows[k])
+                shapes_touch.place(rows[k])
+            mask[k] = hulls_touch(pair) and (exact[pair] or shapes_touch(pair))
         return mask
 
     return touches
+
+
+def _set_pairs(pin: Any, geometry: Any, pairs: Sequence[tuple[int, int]]) -> None:
+    geometry.removeAllCollisionPairs()
+    for a, b in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(a, b))
+
+
+class _Test:
+    """Whether the two shapes of a pair touch at the configuration where they were placed last."""
+
+    def __init__(self, pin: Any, model: Any, geometry: Any):
+        self._pin, self._model, self._data, self._geometry = pin, model, model.createData(), geometry
+        self._found, self._new = geometry.createData(), geometry.createData()
+        for request in self._new.collisionRequests:
+            request.enable_contact = True  # without it some touches of convex shapes are missed, deep ones too
+
+    def place(self, configuration: Array) -> None:
+        # requests remember the last posture's guesses, with which many a touch is missed; these remember nothing
+        self._found.collisionRequests = self._new.collisionRequests
+        self._pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._found, configuration)
+
+    def __call__(self, pair: int) -> bool:
+        touch: bool = self._pin.computeCollision(self._geometry, self._found, pair)
+        return touch
+
+
+def _hulls(geometry: Any) -> Any:
+    """A copy of the shapes in which a mesh is its convex hull: tested many times faster, and no smaller."""
+    hulls = geometry.copy()
+    for shape in hulls.geometryObjects:
+        if _is_mesh(shape.geometry) and _is_solid(shape.geometry.vertices()):
+            shape.geometry.buildConvexHull(True, "Qt")
+            shape.geometry = shape.geometry.convex
+    return hulls
+
+
+def _is_solid(points: Array) -> bool:
+    """Whether points [m, 3] have a hull: that of flat ones crashes the library."""
+    if not np.isfinite(points).all():
+        return False
+    extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return len(extent) == 3 and bool(extent[-1] > _SOLID * extent[0])
+
+
+def _is_mesh(shape: Any) -> bool:
+    return hasattr(shape, "buildConvexHull")
+
+
+def _is_hull(shape: Any) -> bool:
+    """Whether a shape is its own convex hull, nearly: what is no mesh, and a mesh on one side of each of its triangles."""
+    if not _is_mesh(shape):
+        return True
+    if shape.convex is None or shape.convex.num_points < shape.num_vertices:
+        return False
+    points, triangles = shape.vertices(), map(shape.tri_indices, range(shape.num_tris))
+    corners = points[[[triangle[0], triangle[1], triangle[2]] for triangle in triangles]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    height = points @ normal.T - np.einsum("td,td->t", normal, corners[:, 0])
+    bulge = np.minimum(height.max(axis=0), -height.min(axis=0)).max()
+    return bool(bulge < _BULGE * np.ptp(points, axis=0).max())
 
 
 def _closeness(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask:
@@ -151,28 +226,11 @@ def _closeness(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask:
     centres = np.column_stack([centre, np.ones(len(centre))])[..., None]
     reach = np.array(radius)[pairs].sum(axis=1) + _SLACK
     before = np.array([model.jointPlacements[model.getJointId(name)].homogeneous for name in chain.names])
-    one, c, s, slide = before @ np.array([_motions(joint) for joint in chain.joints]).swapaxes(0, 1)
+    frames_at = frames(chain.joints, before)
 
     def close(q: Array) -> NDArray[np.bool_]:
-        x = q[:, :, None, None]
-        steps = one + c * np.cos(x) + s * np.sin(x) + slide * x
-        frames = np.broadcast_to(np.eye(4), (len(q), chain.n + 1, 4, 4)).copy()
-        for k in range(chain.n):
-            frames[:, k + 1] = frames[:, k] @ steps[:, k]
-        at = (frames[:, body] @ centres)[:, :, :3, 0]
+        at = (frames_at(q)[:, body] @ centres)[:, :, :3, 0]
         near: NDArray[np.bool_] = ((at[:, pairs[:, 0]] - at[:, pairs[:, 1]]) ** 2).sum(axis=2) <= reach**2
         return near
 
     return close
-
-
-def _motions(joint: Joint) -> Array:
-    """A joint's motion [4, 4] as the sum of these [4, 4, 4] times 1, cos q, sin q and q."""
-    parts = np.zeros((4, 4, 4))
-    parts[0] = np.eye(4)
-    if joint.type == REVOLUTE:
-        along = np.outer(joint.axis, joint.axis)
-        parts[:3, :3, :3] = along, np.eye(3) - along, skew(joint.axis)
-    else:
-        parts[3, :3, 3] = joint.axis
-    return parts

@@ -24,7 +24,7 @@ class Feasible:
 
     def __init__(self, chain: Chain, urdf: Path, limit: ArrayLike, gravity: ArrayLike):
         self.chain = chain
-        self.gravity = readonly(gravity)
+        self._gravity_forces = gravity_forces(chain, gravity)
         effort = [joint.effort for joint in chain.joints]
         self.limit = readonly(GRAVITY_SHARE * np.minimum(effort, np.asarray(limit, dtype=float)))
         self.touches = SelfCollision(chain, urdf)
@@ -35,7 +35,7 @@ class Feasible:
         }
 
     def __call__(self, q: Array) -> NDArray[np.bool_]:
-        held = (np.abs(gravity_forces(self.chain, q, self.gravity)) <= self.limit).all(axis=1)
+        held = (np.abs(self._gravity_forces(q)) <= self.limit).all(axis=1)
         mask = np.array(held, dtype=bool)
         mask[held] = ~self.touches(q[held])
         return mask

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable, Sequence
 
-from symgen.chain import REVOLUTE, Array, Chain, placements, skew
+import numpy as np
+from numpy.typing import ArrayLike
+
+from symgen.chain import REVOLUTE, Array, Chain, Joint, placements, skew
 
 #: Rows and columns of the six entries Lxx, Lxy, Lyy, Lxz, Lyz, Lzz of a symmetric matrix, in the order of `PARAMETERS`.
 MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
@@ -58,22 +61,58 @@ def gravity_rows(chain: Chain, q: Array, gravity: Array) -> Array:
     return out
 
 
-def gravity_forces(chain: Chain, q: Array, gravity: Array) -> Array:
-    """Returns the joint forces [m, n, N m or N] that hold the arm against `gravity` [3, m/s2, base frame] at q [m, n].
+def frames(joints: Sequence[Joint], before: Array) -> Callable[[Array], Array]:
+    """Returns the function that gives the frames of the base and all bodies [m, n + 1, 4, 4] at q [m, n], in the base frame.
 
-    `gravity_rows` times the chain's own parameters, without the rows: masses and first moments gathered from the tip.
+    `before` [n, 4, 4] are the frames of the joints at zero, each in that of the body before.
     """
-    placed, g = list(placements(chain, q)), [np.broadcast_to(np.asarray(gravity, dtype=float), (len(q), 3))]
-    for R, _ in placed:
-        g.append((g[-1][:, None, :] @ R)[:, 0])
-    forces, mass, moment = np.zeros((len(q), chain.n)), 0.0, np.zeros((len(q), 3))
-    for k in reversed(range(chain.n)):
-        axis, body = chain.joints[k].axis, chain.parameters[10 * k : 10 * k + 4]
-        mass, moment = mass + body[0], moment + body[1:]
-        turning = chain.joints[k].type == REVOLUTE
-        forces[:, k] = -((moment @ skew(axis).T if turning else mass * axis) * g[k + 1]).sum(axis=1)
-        R, p = placed[k]
-        moment = (R @ moment[..., None])[..., 0] + mass * p
+    one, c, s, slide = before @ np.array([_motions(joint) for joint in joints]).swapaxes(0, 1)
+
+    def at(q: Array) -> Array:
+        x = q[:, :, None, None]
+        steps = one + c * np.cos(x) + s * np.sin(x) + slide * x
+        out = np.broadcast_to(np.eye(4), (len(q), len(joints) + 1, 4, 4)).copy()
+        for k in range(len(joints)):
+            out[:, k + 1] = out[:, k] @ steps[:, k]
+        return out
+
+    return at
+
+
+def _motions(joint: Joint) -> Array:
+    """A joint's motion [4, 4] as the sum of these [4, 4, 4] times 1, cos q, sin q and q."""
+    parts = np.zeros((4, 4, 4))
+    parts[0] = np.eye(4)
+    if joint.type == REVOLUTE:
+        along = np.outer(joint.axis, joint.axis)
+        parts[:3, :3, :3] = along, np.eye(3) - along, skew(joint.axis)
+    else:
+        parts[3, :3, 3] = joint.axis
+    return parts
+
+
+def gravity_forces(chain: Chain, gravity: ArrayLike) -> Callable[[Array], Array]:
+    """Returns the function that gives the joint forces [m, n, N m or N] at q [m, n] that hold the arm against `gravity`.
+
+    `gravity` [3, m/s2] is in the base frame. It is `gravity_rows` times the chain's own parameters, without the rows.
+    """
+    g = np.asarray(gravity, dtype=float)
+    before = np.tile(np.eye(4), (chain.n, 1, 1))
+    before[:, :3, :3], before[:, :3, 3] = [joint.R for joint in chain.joints], [joint.p for joint in chain.joints]
+    bodies = chain.parameters.reshape(-1, 10)
+    moments = np.concatenate([bodies[:, 1:4], bodies[:, :1]], axis=1)[..., None]
+    mass = np.cumsum(bodies[::-1, :1], axis=0)[::-1]
+    axes = np.array([joint.axis for joint in chain.joints])[..., None]
+    turning = np.array([joint.type == REVOLUTE for joint in chain.joints])
+    place = frames(chain.joints, before)
+
+    def forces(q: Array) -> Array:
+        at = place(q)[:, 1:]
+        axis = (at[..., :3, :3] @ axes)[..., 0]
+        outer = np.cumsum((at[..., :3, :] @ moments)[:, ::-1, :, 0], axis=1)[:, ::-1]
+        arm = outer - mass * at[..., :3, 3]
+        return -np.where(turning, (axis * (arm @ skew(g))).sum(axis=2), mass[:, 0] * (axis @ g))
+
     return forces
 
 
