@@ -19,11 +19,11 @@ from ident.arm_model import Extra, Parameters, by_impedance, motion_and_derivati
 from ident.campaign import Array
 from ident.effects.base import Effect, Known, has_forces, only_forces, only_impedance
 from ident.evidence import Evidence
-from ident.forked import forked
 from ident.frf import Complex
 from ident.scene import Scene, in_record, known, linear_extra
 from ident.smoothing import smoothed
 from ident.whitening import Powers, noise_powers, whitening
+from symgen.forked import forked
 
 #: A direction of the parameters with less information than this was not seen: its deviation is over ten times its size.
 UNSEEN_INFORMATION = 1e-2

@@ -11,10 +11,10 @@ import numpy as np
 from ident.effects.base import Effect, Parameter, only_impedance, scale
 from ident.effects.catalogue import CATALOGUE
 from ident.errors import IdentError
-from ident.forked import forked
 from ident.frf import Complex
 from ident.periods import spectrum
 from ident.trace import Linearised
+from symgen.forked import forked
 
 #: Orders [per revolution] at which cogging, ripple and gear errors are looked for, how many of them are scored; and orders, or
 #: records of a change, tried where what was found leaves something.

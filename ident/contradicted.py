@@ -13,10 +13,10 @@ from ident.departures import errors
 from ident.descent import SLACK, minimise
 from ident.deviations import Deviation, deviations
 from ident.effects.base import Effect
-from ident.forked import forked
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
 from ident.refits import FINELY, Bench, State, same
+from symgen.forked import forked
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,10 @@ from ident.campaign import Array
 from ident.candidates import Candidate
 from ident.effects.base import Effect
 from ident.effects.learned import VARIABLES, learned, variable
-from ident.forked import forked
 from ident.frf import Complex
 from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
+from symgen.forked import forked
 
 #: Knots of a learned curve: many where each record covers all of it, few for a position, of which records see parts.
 KNOTS = {"velocity": 17, "torque": 17, "deflection": 17, "position": 9, "friction": 9}

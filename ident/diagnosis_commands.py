@@ -70,9 +70,9 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     from ident.diagnosis_json import FILE, result_document, verdict_document, write
     from ident.diagnosis_report import html
     from ident.either_model import diagnose_either
-    from ident.forked import WORKERS
     from ident.plain import replace_file
     from ident.store import read_campaign
+    from symgen.forked import WORKERS
 
     campaign = _joined(options.campaign)
     say = progress.line(options)

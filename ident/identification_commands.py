@@ -218,10 +218,10 @@ def _identified(
 ) -> int:  # fmt: skip
     from ident import report
     from ident.export import write_identified
-    from ident.forked import WORKERS
     from ident.identify import METHODS, identify
     from ident.result_page import doubtful, page
     from ident.side_by_side import comparison, table
+    from symgen.forked import WORKERS
     from symgen.robot import load_robot
 
     every = options.method == "all"

@@ -16,10 +16,10 @@ from ident.descent import Minimum, minimise
 from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned
 from ident.evidence import Evidence
-from ident.forked import forked
 from ident.parts import Split, degrees, few_lines, sampled
 from ident.smoothing import TURNS
 from ident.trace import Linearised, linearise
+from symgen.forked import forked
 from symgen.plan import Model
 
 #: Fall of chi^2 that ends a descent: of a candidate, of a finalist, of what is chosen; times that the weights of this are made

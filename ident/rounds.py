@@ -11,12 +11,12 @@ from ident.added import Added
 from ident.choice import ALIKE, TIE, Tried, best_names, chosen, is_curve, vanished
 from ident.departures import errors
 from ident.effects.base import Effect
-from ident.forked import forked
 from ident.minima import fully, since, told
 from ident.parts import degrees, sampled
 from ident.refits import BY_ALL, FEW_SAMPLES, FEW_TURNS, FINELY, HASTILY, Bench, State, excess, linearised, without
 from ident.trace import Linearised, port_shares
 from ident.trials import AHEAD, CLOSE, ahead, at_minimum, earned, explains, hasty, outshines, polished, resting
+from symgen.forked import forked
 
 #: Rivals whose errors are told.
 RIVALS = 3

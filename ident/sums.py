@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ident.arm_fit import Held, Problem, Slides, chi_squared_of, hold, residual, slides, unexpected, whitened
 from ident.campaign import Array
-from ident.forked import standing
 from ident.frf import Complex
+from symgen.forked import standing
 
 #: Numbers of the derivatives of a share's records that are kept for a bend (256 MB); more are found again.
 MOST_KEPT = 2**24

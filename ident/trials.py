@@ -11,7 +11,6 @@ from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, othe
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by
 from ident.curves import curves
 from ident.effects.base import Effect, Law, only_forces, only_impedance
-from ident.forked import forked
 from ident.minima import LEAST_GAIN, NAMED, as_declared, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
@@ -27,6 +26,7 @@ from ident.refits import (
     linearised,
 )
 from ident.trace import Linearised
+from symgen.forked import forked
 
 #: Candidates of the catalogue refitted in each round (least and most), and learned curves.
 REFITTED, CURVES = (6, 40), 2

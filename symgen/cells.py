@@ -93,8 +93,8 @@ def _maps(joint: Joint) -> Array:
 
 def _phi_of(v: Array) -> Array:
     """The rows [.., 10] with v' M v = row . phi of twists v [.., 6]."""
-    rows: Array = (v[..., _ONE] * v[..., _OTHER]) @ _HALF_FORMS
-    return rows
+    by_entry = np.ascontiguousarray(v.reshape(-1, 6).T)
+    return ((by_entry[_ONE] * by_entry[_OTHER]).T @ _HALF_FORMS).reshape(*v.shape[:-1], 10)
 
 
 @dataclass(frozen=True)

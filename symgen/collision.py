@@ -126,8 +126,7 @@ def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
     trials = low + (high - low) * np.random.default_rng(0).random((_TRIALS, chain.n))
     test, hits = _Test(pin, model, geometry), np.zeros(len(pairs))
     for q in configurations(trials):
-        test.place(q)
-        hits += [test(k) for k in range(len(pairs))]
+        hits += [test(k, q) for k in range(len(pairs))]
     by_hits = np.argsort(-hits, kind="stable").tolist()  # what touches often is tested first
     pairs = [pairs[k] for k in by_hits if hits[k] < _ALWAYS * _TRIALS]
     _set_pairs(pin, geometry, pairs)
@@ -137,15 +136,10 @@ def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
     close = _closeness(pin, model, geometry, chain)
 
     def touches(q: Array) -> NDArray[np.bool_]:
-        mask, rows, placed = np.zeros(len(q), dtype=bool), configurations(q), -1
-        for k, pair in np.argwhere(close(q)).tolist():  # posture by posture
-            if mask[k]:
-                continue
-            if k != placed:
-                placed = k
-                hulls_touch.place(rows[k])
-                shapes_touch.place(rows[k])
-            mask[k] = hulls_touch(pair) and (exact[pair] or shapes_touch(pair))
+        mask, rows = np.zeros(len(q), dtype=bool), list(configurations(q))
+        for k, pair in np.argwhere(close(q)).tolist():
+            if not mask[k]:
+                mask[k] = hulls_touch(pair, rows[k]) and (exact[pair] or shapes_touch(pair, rows[k]))
         return mask
 
     return touches
@@ -158,20 +152,21 @@ def _set_pairs(pin: Any, geometry: Any, pairs: Sequence[tuple[int, int]]) -> Non
 
 
 class _Test:
-    """Whether the two shapes of a pair touch at the configuration where they were placed last."""
+    """Whether the two shapes of a pair touch at a configuration."""
 
     def __init__(self, pin: Any, model: Any, geometry: Any):
         self._pin, self._model, self._data, self._geometry = pin, model, model.createData(), geometry
         self._found, self._new = geometry.createData(), geometry.createData()
         for request in self._new.collisionRequests:
             request.enable_contact = True  # without it some touches of convex shapes are missed, deep ones too
+        self._at: Array | None = None
 
-    def place(self, configuration: Array) -> None:
-        # requests remember the last posture's guesses, with which many a touch is missed; these remember nothing
-        self._found.collisionRequests = self._new.collisionRequests
-        self._pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._found, configuration)
-
-    def __call__(self, pair: int) -> bool:
+    def __call__(self, pair: int, configuration: Array) -> bool:
+        if configuration is not self._at:
+            self._at = configuration
+            # requests remember the last posture's guesses, with which many a touch is missed; these remember nothing
+            self._found.collisionRequests = self._new.collisionRequests
+            self._pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._found, configuration)
         touch: bool = self._pin.computeCollision(self._geometry, self._found, pair)
         return touch
 

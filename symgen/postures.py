@@ -11,6 +11,8 @@ measurement. Exactly d cells can not do better than 1 at the worst (i, q) (Kiefe
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,10 +22,11 @@ from numpy.typing import NDArray
 from symgen.basis import Factoring
 from symgen.cells import Cells, Rows, every_joint, ranked, spread
 from symgen.chain import Array, readonly
+from symgen.forked import WORKERS, beside, standing
 from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, Holding, Mask, box, home
 from symgen.optimal import d_efficiency, further, optima
 from symgen.renewal import renewed
-from symgen.saturated import CANDIDATES, Search, candidates, saturated
+from symgen.saturated import CANDIDATES, TAIL, Merit, Refine, Search, candidates, refining, saturated
 
 __all__ = [
     "MARGIN",
@@ -49,10 +52,12 @@ _AT_ONCE = 8
 
 @dataclass(frozen=True)
 class _Work:
-    """Rounds of the search for the bound, and that for the plan. Where the D-efficiency then is not `enough`, so many `turns`
-    follow: `more` rounds where the bound is more to blame than the plan, else `tries` at a better plan."""
+    """Rounds of the search for the bound; those `beside` the search for the plan. Where the D-efficiency then is not
+    `enough`, so many `turns` follow: `more` rounds where the bound is more to blame than the plan, else `tries` at a better
+    plan."""
 
     rounds: int
+    beside: int
     search: Search
     turns: int
     more: int
@@ -61,9 +66,9 @@ class _Work:
 
 
 _WORK = {
-    "draft": _Work(3, Search(3, 1, 0, 30), 0, 0, 0, 1.0),
-    "quick": _Work(12, Search(12, 3, 30, 60), 3, 6, 5, 0.901),
-    "full": _Work(40, Search(40, 8, 60, 180), 5, 4, 12, 0.93),
+    "draft": _Work(3, 0, Search(3, 1, 0, 30), 0, 0, 0, 1.0),
+    "quick": _Work(12, 6, Search(12, 3, 30, 60), 2, 6, 6, 0.901),
+    "full": _Work(40, 0, Search(40, 8, 60, 180), 5, 4, 12, 0.93),
 }
 
 
@@ -148,26 +153,60 @@ def plan(
     """
     chain, d = factoring.chain, factoring.d
     rows = Rows(factoring, np.zeros(chain.n) if rotor is None else rotor)
-    work, holding = _WORK[effort], Holding(chain, box(chain.limits), feasible)
+    work, holding, merit = _WORK[effort], Holding(chain, box(chain.limits), feasible), Merit(rows)
     start = candidates(rows, holding)
     spreads = optima(rows, holding, start[np.arange(len(start)) < 4 * d])
     best = further(spreads, work.rounds)
-    cells = saturated(rows, start[np.arange(len(start)) < d], best, holding, work.search)
-    rng = np.random.default_rng(0)
-    for _ in range(work.turns):
-        F = rows.of_cells(cells)
-        if d_efficiency(F, best.log_det_bound) >= work.enough:
-            break
-        missed = work.enough / d_efficiency(F, best.log_det)
-        if np.exp((best.log_det_bound - best.log_det) / d) > missed:
-            best = further(spreads, work.more, best)
+    alone = refining(rows, merit, holding)
+    with _shared(alone, WORKERS if work.turns else 1) as refine:
+
+        def found(refine: Refine) -> Cells:
+            return saturated(rows, merit, start[np.arange(len(start)) < d], best, refine, work.search)
+
+        if work.beside:
+            best, cells = beside(lambda: further(spreads, work.beside, best), lambda: found(alone))
         else:
-            cells = renewed(rows, cells, best, holding, work.tries, work.enough, rng)
+            cells = found(refine)
+        rng = np.random.default_rng(0)
+
+        def bettered() -> Cells:
+            return renewed(rows, merit, cells, best, refine, work.tries, work.enough, rng)
+
+        if merit.amplification(rows.of_cells(cells))[1] > TAIL:
+            cells = bettered()
+        for _ in range(work.turns):
+            F = rows.of_cells(cells)
+            if d_efficiency(F, best.log_det_bound) >= work.enough:
+                break
+            missed = work.enough / d_efficiency(F, best.log_det)
+            if np.exp((best.log_det_bound - best.log_det) / d) > missed:
+                best = further(spreads, work.more, best)
+            else:
+                cells = bettered()
     _, needed = holding.placed(cells)
     pool = best.cells + every_joint(spread(holding.allowed, CANDIDATES, 0.5))
     more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare, holding)
     both = ordered(needed, holding.rest) + ordered(more, holding.rest)
     return judged(rows, both.joint, both.q, np.arange(len(both)) >= d, holding, best.log_det_bound)
+
+
+@contextmanager
+def _shared(refine: Refine, workers: int) -> Iterator[Refine]:
+    """The same for many plans at once, by processes that stand until the end."""
+
+    def share(k: int, asked: tuple[Sequence[Cells], int]) -> list[Cells]:
+        plans, steps = asked
+        return refine(plans[k::workers], steps)
+
+    with standing(share, workers) as ask:
+
+        def shared(plans: Sequence[Cells], steps: int) -> list[Cells]:
+            if len(plans) == 1:
+                return refine(plans, steps)
+            shares = ask((plans, steps))
+            return [shares[k % workers][k // workers] for k in range(len(plans))]
+
+        yield shared
 
 
 def certificate(rows: Rows, F: Array, holding: Holding, effort: Effort = "quick") -> float:
@@ -178,7 +217,7 @@ def certificate(rows: Rows, F: Array, holding: Holding, effort: Effort = "quick"
 def _log_det_bound(rows: Rows, holding: Holding, effort: Effort) -> float:
     start = candidates(rows, holding)
     spreads = optima(rows, holding, start[np.arange(len(start)) < 4 * rows.factoring.d])
-    return further(spreads, _WORK[effort].rounds).log_det_bound
+    return further(spreads, _WORK[effort].rounds + _WORK[effort].beside).log_det_bound
 
 
 def judged(

@@ -11,40 +11,47 @@ from numpy.typing import NDArray
 
 from symgen.cells import Cells, Rows
 from symgen.chain import Array
-from symgen.holding import Holding
 from symgen.optimal import Optimum, d_efficiency
-from symgen.saturated import Merit, maxvol, refined
+from symgen.saturated import Merit, Refine, maxvol
 
 #: Smallest and largest part of the cells given up at once, and steps of the refinement after it.
 _GIVEN_UP, _STEPS = (0.2, 0.6), 15
 
+#: Tries from the same plan, which two processes can make at once.
+_AT_ONCE = 2
+
 
 def renewed(
     rows: Rows,
+    merit: Merit,
     cells: Cells,
     best: Optimum,
-    holding: Holding,
+    refine: Refine,
     tries: int,
     enough: float,
     rng: np.random.Generator,
 ) -> Cells:
     """Returns the d cells of largest merit after `tries` parts of `cells` were given up for cells of the optimal spread.
 
-    Ends before when the D-efficiency is `enough`. All returned are feasible, if `cells` and those of the spread are.
+    Ends before when the D-efficiency is `enough`. All returned are feasible, if `cells` and those of the spread are, and
+    `refine` keeps them so.
     """
-    merit, d = Merit(rows), len(cells)
     F_options = rows.of_cells(best.cells)
     even = np.linalg.inv(np.linalg.qr(F_options, mode="r"))
-    F = rows.of_cells(cells)
-    for _ in range(tries):
-        if d_efficiency(F, best.log_det_bound) >= enough:
+
+    def start() -> Cells:
+        kept = rng.random(len(cells)) >= rng.uniform(*_GIVEN_UP)
+        others = _completing(rows.of_cells(cells[kept]) @ even, F_options @ even)
+        return cells[kept] + best.cells[others]
+
+    def worth(cells: Cells) -> float:
+        return merit.of_choice(rows.of_cells(cells))
+
+    for at in range(0, tries, _AT_ONCE):
+        if d_efficiency(rows.of_cells(cells), best.log_det_bound) >= enough:
             break
-        kept = rng.random(d) >= rng.uniform(*_GIVEN_UP)
-        others = _completing(F[kept] @ even, F_options @ even)
-        tried = refined(rows, merit, cells[kept] + best.cells[others], holding, _STEPS)
-        F_tried = rows.of_cells(tried)
-        if merit.of_choice(F_tried) > merit.of_choice(F):
-            cells, F = tried, F_tried
+        starts = [start() for _ in range(min(_AT_ONCE, tries - at))]
+        cells = max([cells, *refine(starts, _STEPS)], key=worth)
     return cells
 
 

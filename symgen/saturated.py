@@ -6,6 +6,7 @@ starts from the cells that carry the optimal spread, because good plans are made
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +41,7 @@ _DET_POWER = 6
 _SHARPNESS = 8
 
 #: Plans whose amplification exceeds the first of these, or the second at one posture in a thousand, are worth less, by so much.
-_WORST, _TAIL, _WORSE = 1.12, 1.55, 5.0
+_WORST, TAIL, _WORSE = 1.12, 1.55, 5.0
 
 #: Merits of two designs closer than this: mirror images of each other, or the same.
 _SAME = 1e-6
@@ -56,6 +57,10 @@ _OPTIONS = 8
 #: be exchanged, after each stretch.
 _REACHES, _SIDES = (0.3, 0.1, 0.03, 0.01), 12
 _WORTH_IT = 1.0
+
+
+#: Betters plans by at most so many steps each.
+Refine = Callable[[Sequence[Cells], int], list[Cells]]
 
 
 @dataclass(frozen=True)
@@ -143,11 +148,14 @@ class Merit:
         return self.with_slope(F)[0]
 
     def of_choice(self, F: Array) -> float:
-        """The merit of the rows F [d, d] to choose between plans by, rounded: less where the amplification or its tail is large."""
+        """The merit of the rows F [d, d] to choose between plans by, rounded: less where the amplification is large."""
+        worst, tail = self.amplification(F)
+        return round(self(F) - _WORSE * (max(worst - _WORST, 0.0) + max(tail - TAIL, 0.0)), 6)
+
+    def amplification(self, F: Array) -> tuple[float, float]:
+        """The worst joint's amplification of the rows F [d, d], and the largest of its 99.9 % quantiles."""
         variance = ((self._everywhere @ np.linalg.inv(F)) ** 2).sum(axis=2)
-        worst = float(np.sqrt(variance.mean(axis=0).max()))
-        tail = float(np.sqrt(np.quantile(variance, 0.999, axis=0).max()))
-        return round(self(F) - _WORSE * (max(worst - _WORST, 0.0) + max(tail - _TAIL, 0.0)), 6)
+        return float(np.sqrt(variance.mean(axis=0).max())), float(np.sqrt(np.quantile(variance, 0.999, axis=0).max()))
 
     def with_slope(self, F: Array) -> tuple[float, Array]:
         """The merit of the rows F [d, d] and its derivative [d, d]. Raises LinAlgError if F is singular."""
@@ -182,12 +190,12 @@ class Merit:
             chosen[column] = row
 
 
-def saturated(rows: Rows, first: Cells, best: Optimum, holding: Holding, search: Search) -> Cells:
+def saturated(rows: Rows, merit: Merit, first: Cells, best: Optimum, refine: Refine, search: Search) -> Cells:
     """Returns the d cells of largest merit found from the cells of the optimal spread and from the d cells `first`.
 
-    All that are returned are feasible, if `first` and the cells of the spread are.
+    All that are returned are feasible, if `first` and the cells of the spread are, and `refine` keeps them so.
     """
-    merit, options = Merit(rows), best.cells
+    options = best.cells
     F = rows.of_cells(options)
     even = F @ np.linalg.inv(np.linalg.qr(F, mode="r"))
     found: list[tuple[float, NDArray[np.int64]]] = []
@@ -198,13 +206,11 @@ def saturated(rows: Rows, first: Cells, best: Optimum, holding: Holding, search:
     distinct = [found[k][1] for k in range(len(found)) if k == 0 or found[k - 1][0] - found[k][0] > _SAME]
     starts = [*(options[chosen] for chosen in distinct[: search.designs]), first]
 
-    def judged(cells: Cells) -> tuple[float, Cells]:
-        return merit.of_choice(rows.of_cells(cells)), cells
+    def worth(cells: Cells) -> float:
+        return merit.of_choice(rows.of_cells(cells))
 
-    designs = [judged(refined(rows, merit, cells, holding, search.steps)) for cells in starts]
-    worth, winner = max(designs, key=lambda one: one[0])
-    last = judged(refined(rows, merit, winner, holding, search.last_steps))
-    return last[1] if last[0] > worth else winner
+    winner = max(refine(starts, search.steps), key=worth)
+    return max([winner, *refine([winner], search.last_steps)], key=worth)
 
 
 def _telling(F: Array, joint: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -229,6 +235,11 @@ def _rank(rows: Rows, cells: Cells) -> int:
     scale = np.maximum(np.linalg.norm(F, axis=0), _IN_FULL * rows.sizes(cells))
     values = np.linalg.svd(F / np.maximum(scale, 1e-300), compute_uv=False)
     return int((values > _SEEN * values[0]).sum())
+
+
+def refining(rows: Rows, merit: Merit, holding: Holding) -> Refine:
+    """Returns what betters plans one after the other, as `refined` does."""
+    return lambda plans, steps: [refined(rows, merit, cells, holding, steps) for cells in plans]
 
 
 def refined(rows: Rows, merit: Merit, cells: Cells, holding: Holding, steps: int) -> Cells:

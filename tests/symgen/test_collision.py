@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from itertools import combinations
 from pathlib import Path
 
@@ -78,3 +79,56 @@ def test_what_a_library_prints_by_itself_is_not_seen(capfd: pytest.CaptureFixtur
         raise RuntimeError("as it was")
     pin.buildModelFromXML(noisy)
     assert capfd.readouterr().err, "and is heard again"
+
+
+def stl(path: Path, triangles: np.ndarray) -> None:
+    """A binary STL file of triangles [t, 3 corners, 3]."""
+    body = b"".join(struct.pack("<12fH", 0, 0, 0, *corners.ravel(), 0) for corners in triangles)
+    path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + body)
+
+
+def boxes(*corners: tuple[tuple[float, float, float], tuple[float, float, float]]) -> np.ndarray:
+    """The triangles of some boxes, each between two corners."""
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    out = []
+    for low, high in corners:
+        points = np.array([[(low, high)[i >> b & 1][b] for b in range(3)] for i in range(8)])
+        out += [points[[q[0], q[k], q[k + 1]]] for q in quads for k in (1, 2)]
+    return np.array(out)
+
+
+U_SHAPE = boxes(
+    ((-0.3, -0.1, 0), (-0.2, 0.1, 0.5)), ((0.2, -0.1, 0), (0.3, 0.1, 0.5)), ((-0.3, -0.1, -0.1), (0.3, 0.1, 0))
+)
+FLAT = np.array([[[-0.1, 0, 0], [0.1, 0, 0], [0, 0.0, 0.2]]])
+BAR = boxes(((-0.05, -0.05, -0.05), (0.05, 0.05, 0.05)))
+
+PLUNGING = """<robot name="r">
+ <link name="base">{0}<collision><geometry><mesh filename="a.stl"/></geometry></collision></link><link name="a">{0}</link>
+ <link name="b">{0}<collision><geometry><mesh filename="b.stl"/></geometry></collision></link>
+ <joint name="j1" type="prismatic"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
+  <limit lower="0" upper="1" effort="9" velocity="1"/></joint>
+ <joint name="j2" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/>
+  <limit lower="-0.5" upper="0.5" effort="9" velocity="1"/></joint>
+</robot>""".replace(
+    "{0}", "<inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
+)
+
+
+@pytest.mark.parametrize(("held", "solid"), [(U_SHAPE, True), (FLAT, False)])
+def test_a_mesh_is_not_its_hull(tmp_path: Path, held: np.ndarray, solid: bool) -> None:
+    """A bar plunges into a U, where the hull of the U says touch; and through a sheet, which has no hull."""
+    pytest.importorskip("pinocchio")
+    path = tmp_path / "r.urdf"
+    path.write_text(PLUNGING)
+    stl(tmp_path / "a.stl", held)
+    stl(tmp_path / "b.stl", BAR)
+    touches = SelfCollision(load_chain(path), path)
+    assert touches.note == "tested with 2 collision shapes"
+    z, x = np.meshgrid(np.linspace(0.01, 0.99, 30), np.linspace(-0.49, 0.49, 40))
+    found = touches(np.column_stack([z.ravel(), x.ravel()])).reshape(z.shape)
+    if solid:
+        expected = ((z < 0.05) & (np.abs(x) < 0.35)) | ((z < 0.55) & (np.abs(np.abs(x) - 0.25) < 0.1))
+    else:  # the triangle at height h reaches to 0.1 - h / 2 on either side
+        expected = (z < 0.25) & (np.abs(x) < 0.05 + 0.1 - np.maximum(z - 0.05, 0) / 2)
+    assert np.array_equal(found, expected)

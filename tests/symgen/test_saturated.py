@@ -17,7 +17,7 @@ from symgen.chain import Chain
 from symgen.errors import PlanError
 from symgen.holding import Holding, box
 from symgen.optimal import further, optima
-from symgen.saturated import Merit, Search, candidates, maxvol, saturated
+from symgen.saturated import Merit, Search, candidates, maxvol, refining, saturated
 
 
 def free(chain: Chain) -> Holding:
@@ -91,7 +91,7 @@ def test_a_longer_search_is_not_worse() -> None:
     start = candidates(rows, holding)
     first, best = start[np.arange(28)], further(optima(rows, holding, start), 4)
     found = [
-        merit(rows.of_cells(saturated(rows, first, best, holding, search)))
+        merit(rows.of_cells(saturated(rows, merit, first, best, refining(rows, merit, holding), search)))
         for search in (Search(1, 0, 0, 0), Search(6, 1, 10, 20), Search(24, 6, 40, 200))
     ]
     assert merit(rows.of_cells(first)) <= found[0] < found[1] < found[2]
@@ -109,7 +109,8 @@ def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
     first, best = start[np.arange(28)], further(optima(rows, holding, start), 4)
     assert holding.keeps(start).all() and holding.keeps(best.cells).all()
     short, long = (
-        saturated(rows, first, best, holding, search) for search in (Search(6, 2, 0, 0), Search(6, 2, 40, 200))
+        saturated(rows, merit, first, best, refining(rows, merit, holding), search)
+        for search in (Search(6, 2, 0, 0), Search(6, 2, 40, 200))
     )
     for cells in (short, long):
         passed, placed = holding.placed(cells)
@@ -117,7 +118,8 @@ def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
     assert merit(rows.of_cells(long)) > merit(rows.of_cells(short)) + 0.1, "refined up to the walls"
     anywhere = further(optima(rows, free(arm("ur5")), start), 4)
     assert anywhere.log_det_bound > best.log_det_bound
-    unbound = saturated(rows, first, anywhere, free(arm("ur5")), Search(6, 2, 40, 200))
+    refine = refining(rows, merit, free(arm("ur5")))
+    unbound = saturated(rows, merit, first, anywhere, refine, Search(6, 2, 40, 200))
     assert merit(rows.of_cells(unbound)) > merit(rows.of_cells(long)), "walls cost something"
 
 

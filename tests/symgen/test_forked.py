@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from ident.forked import forked, standing
+from symgen.forked import forked, standing
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 #: Processes of a command, at most: each needs a few hundred MB.
 WORKERS = min(os.cpu_count() or 1, 8)
@@ -86,6 +86,17 @@ def standing(work: Callable[[int, In], Out], shares: int) -> Iterator[Callable[[
         for process in processes:
             process.terminate()
             process.join()
+
+
+def beside(here: Callable[[], In], there: Callable[[], Out]) -> tuple[In, Out]:
+    """Returns (here(), there()), the second found by a process of its own; what it changes is lost."""
+
+    def work(k: int, _: None) -> In | Out:
+        return here() if k == 0 else there()
+
+    with standing(work, 2) as ask:
+        one, other = ask(None)
+    return cast(In, one), cast(Out, other)
 
 
 def _stand(work: Callable[[int, Any], Any], k: int, end: Connection, others: Sequence[Connection]) -> None:
