@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from symgen.forked import forked, standing
+from symgen.forked import beside, forked, standing
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -51,3 +51,17 @@ def test_a_worker_has_all_shares_itself() -> None:
             return set(ask(item)) == {os.getpid()}
 
     assert list(forked(work, range(2), 2)) == [True, True]
+
+
+def test_two_things_at_once_are_done_here_and_there() -> None:
+    counts = {"here": 0, "there": 0}
+
+    def count(name: str) -> int:
+        counts[name] += 1
+        return os.getpid()
+
+    here, there = beside(lambda: count("here"), lambda: count("there"))
+    assert here == os.getpid() != there
+    assert counts == {"here": 1, "there": 0}, "what the other process changed is its own"
+    with pytest.raises(ZeroDivisionError):
+        beside(lambda: 1, lambda: 1 / 0)
