@@ -28,6 +28,30 @@ _STALLED = 1e-11
 Hill = Callable[[Array], tuple[float, Array] | None]
 
 
+def climbed_each(
+    hills: Callable[[Array], tuple[Array, Array]], x: Array, limits: Array, steps: int
+) -> tuple[Array, Array]:
+    """Returns many places x [N, m], each after at most `steps` steps up its own hill within `limits` [m, 2], and the values.
+
+    `hills` gives the values [N] > 0 and the slopes of their logarithms [N, m]. Step lengths of Barzilai and Borwein
+    (DOI 10.1093/imanum/8.1.141), a quarter of it where a step does not gain.
+    """
+    value, slope = hills(x)
+    step = _FIRST / (np.linalg.norm(slope, axis=1) + 1e-12)
+    for _ in range(steps):
+        tried = np.clip(x + step[:, None] * slope, *limits.T)
+        new, new_slope = hills(tried)
+        better = new > value
+        moved, bent = tried - x, new_slope - slope
+        curvature = -(moved * bent).sum(axis=1)
+        newton = (moved**2).sum(axis=1) / np.maximum(curvature, 1e-300)
+        longer = np.where(curvature > 0, np.minimum(newton, 10 * step), 3 * step)
+        step = np.where(better, longer, step / 4)
+        x, slope = np.where(better[:, None], tried, x), np.where(better[:, None], new_slope, slope)
+        value = np.where(better, new, value)
+    return x, value
+
+
 def climbed(hill: Hill, x: Array, low: Array, high: Array, steps: int) -> Array:
     """Returns x [m] after at most `steps` steps up the hill within `low` <= x <= `high` [m]; x itself if it has no value.
 

@@ -19,6 +19,7 @@ from itertools import count, islice
 import numpy as np
 from numpy.typing import NDArray
 
+from symgen.ascent import climbed_each
 from symgen.cells import Cells, Rows, ranked, spread, steady
 from symgen.chain import Array
 from symgen.holding import Holding
@@ -198,31 +199,19 @@ def _highest(rows: Rows, half: Array, holding: Holding, offset: float) -> Cells:
 def _climbed(rows: Rows, half: Array, cells: Cells, holding: Holding, worth: float) -> tuple[Cells, Array, float]:
     """Cells after projected steps up the log of their variance |f half|^2, and the variance; all stay feasible.
 
-    Step lengths of Barzilai and Borwein. A cell whose peak is not feasible goes as far towards it as it may, and on from
+    A cell whose peak is not feasible goes as far towards it as it may, and on from
     there with steps to all sides. One whose peak is not above `worth` stays, rather than be tested; the highest of these
     peaks is the third result.
     """
 
-    def value_slope(q: Array) -> tuple[Array, Array]:
+    def hills(q: Array) -> tuple[Array, Array]:
         F, slope = rows.traced(Cells(cells.joint, q))
         Y = F @ half
         value = (Y**2).sum(axis=1)
         return value, slope(2 / value[:, None] * (Y @ half.T))
 
-    q = cells.q
-    value, slope = value_slope(q)
-    before, step = value, 0.05 / (np.linalg.norm(slope, axis=1) + 1e-12)
-    for _ in range(_CLIMB_STEPS):
-        tried = np.clip(q + step[:, None] * slope, *holding.allowed.T)
-        new, new_slope = value_slope(tried)
-        better = new > value
-        moved, bent = tried - q, new_slope - slope
-        curvature = -(moved * bent).sum(axis=1)
-        newton = (moved**2).sum(axis=1) / np.maximum(curvature, 1e-300)
-        longer = np.where(curvature > 0, np.minimum(newton, 10 * step), 3 * step)
-        step = np.where(better, longer, step / 4)
-        q, slope = np.where(better[:, None], tried, q), np.where(better[:, None], new_slope, slope)
-        value = np.where(better, new, value)
+    before = ((rows.of_cells(cells) @ half) ** 2).sum(axis=1)
+    q, value = climbed_each(hills, cells.q, holding.allowed, _CLIMB_STEPS)
     peaks = Cells(cells.joint, np.clip(steady(q, 3), *holding.allowed.T))
     if holding.feasible is None:
         return peaks, value, 0.0

@@ -25,8 +25,8 @@ from symgen.chain import Array, readonly
 from symgen.forked import WORKERS, beside, standing
 from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, Holding, Mask, box, home
 from symgen.optimal import d_efficiency, further, optima
-from symgen.renewal import renewed
-from symgen.saturated import CANDIDATES, TAIL, Merit, Refine, Search, candidates, refining, saturated
+from symgen.saturated import CANDIDATES, Merit, candidates
+from symgen.search import Better, Search, bettering, saturated
 
 __all__ = [
     "MARGIN",
@@ -53,22 +53,20 @@ _AT_ONCE = 8
 @dataclass(frozen=True)
 class _Work:
     """Rounds of the search for the bound; those `beside` the search for the plan. Where the D-efficiency then is not
-    `enough`, so many `turns` follow: `more` rounds where the bound is more to blame than the plan, else `tries` at a better
-    plan."""
+    `enough`, at most so many `turns` of `more` rounds follow, while the bound is more to blame than the plan."""
 
     rounds: int
     beside: int
     search: Search
     turns: int
     more: int
-    tries: int
     enough: float
 
 
 _WORK = {
-    "draft": _Work(3, 0, Search(3, 1, 0, 30), 0, 0, 0, 1.0),
-    "quick": _Work(12, 6, Search(12, 3, 30, 60), 2, 6, 6, 0.901),
-    "full": _Work(40, 0, Search(40, 8, 60, 180), 5, 4, 12, 0.93),
+    "draft": _Work(3, 0, Search(3, 1, 0, 1, 0), 0, 0, 1.0),
+    "quick": _Work(12, 6, Search(12, 3, 30, 1, 6), 2, 6, 0.901),
+    "full": _Work(40, 0, Search(40, 8, 60, 4, 16), 5, 4, 0.93),
 }
 
 
@@ -157,32 +155,25 @@ def plan(
     start = candidates(rows, holding)
     spreads = optima(rows, holding, start[np.arange(len(start)) < 4 * d])
     best = further(spreads, work.rounds)
-    alone = refining(rows, merit, holding)
-    with _shared(alone, WORKERS if work.turns else 1) as refine:
+    alone = bettering(rows, merit, holding)
 
-        def found(refine: Refine) -> Cells:
-            return saturated(rows, merit, start[np.arange(len(start)) < d], best, refine, work.search)
+    def found(better: Better) -> Cells:
+        return saturated(rows, merit, start[np.arange(len(start)) < d], best, better, work.search)
 
-        if work.beside:
-            best, cells = beside(lambda: further(spreads, work.beside, best), lambda: found(alone))
-        else:
-            cells = found(refine)
-        rng = np.random.default_rng(0)
-
-        def bettered() -> Cells:
-            return renewed(rows, merit, cells, best, refine, work.tries, work.enough, rng)
-
-        if merit.amplification(rows.of_cells(cells))[1] > TAIL:
-            cells = bettered()
-        for _ in range(work.turns):
-            F = rows.of_cells(cells)
-            if d_efficiency(F, best.log_det_bound) >= work.enough:
-                break
-            missed = work.enough / d_efficiency(F, best.log_det)
-            if np.exp((best.log_det_bound - best.log_det) / d) > missed:
-                best = further(spreads, work.more, best)
-            else:
-                cells = bettered()
+    if work.beside:
+        best, cells = beside(lambda: further(spreads, work.beside, best), lambda: found(alone))
+    else:
+        with _shared(alone, WORKERS if work.turns else 1) as better:
+            cells = found(better)
+    F = rows.of_cells(cells)
+    for _ in range(work.turns):
+        missed = work.enough / d_efficiency(F, best.log_det)
+        if (
+            d_efficiency(F, best.log_det_bound) >= work.enough
+            or np.exp((best.log_det_bound - best.log_det) / d) <= missed
+        ):
+            break
+        best = further(spreads, work.more, best)
     _, needed = holding.placed(cells)
     pool = best.cells + every_joint(spread(holding.allowed, CANDIDATES, 0.5))
     more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare, holding)
@@ -191,19 +182,17 @@ def plan(
 
 
 @contextmanager
-def _shared(refine: Refine, workers: int) -> Iterator[Refine]:
+def _shared(better: Better, workers: int) -> Iterator[Better]:
     """The same for many plans at once, by processes that stand until the end."""
 
-    def share(k: int, asked: tuple[Sequence[Cells], int]) -> list[Cells]:
-        plans, steps = asked
-        return refine(plans[k::workers], steps)
+    def share(k: int, asked: tuple[Sequence[Cells], int, int]) -> list[Cells]:
+        plans, steps, sweeps = asked
+        return better(plans[k::workers], steps, sweeps)
 
     with standing(share, workers) as ask:
 
-        def shared(plans: Sequence[Cells], steps: int) -> list[Cells]:
-            if len(plans) == 1:
-                return refine(plans, steps)
-            shares = ask((plans, steps))
+        def shared(plans: Sequence[Cells], steps: int, sweeps: int) -> list[Cells]:
+            shares = ask((plans, steps, sweeps))
             return [shares[k % workers][k // workers] for k in range(len(plans))]
 
         yield shared

@@ -1,13 +1,6 @@
-"""The d cells of a good plan: exchanged over the cells of the optimal spread, then refined.
-
-As many measurements as constants: the determinant of F is all there is to trade, and local optima are many. Exchange
-starts from the cells that carry the optimal spread, because good plans are made of cells near those.
-"""
+"""Plans of d cells: what they are made of, their merit, and how it is raised by exchange and by moving the postures."""
 
 from __future__ import annotations
-
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +10,6 @@ from symgen.cells import Cells, Rows, every_joint, ranked, spread, steady
 from symgen.chain import Array
 from symgen.errors import PlanError
 from symgen.holding import Holding
-from symgen.optimal import Optimum
 
 #: Postures from which the search starts, and those over which it takes the amplification and its tail.
 CANDIDATES, _WORKSPACE, _WIDE = 500, 500, 1000
@@ -41,10 +33,7 @@ _DET_POWER = 6
 _SHARPNESS = 8
 
 #: Plans whose amplification exceeds the first of these, or the second at one posture in a thousand, are worth less, by so much.
-_WORST, TAIL, _WORSE = 1.12, 1.55, 5.0
-
-#: Merits of two designs closer than this: mirror images of each other, or the same.
-_SAME = 1e-6
+_WORST, _TAIL, _WORSE = 1.12, 1.55, 5.0
 
 #: Steps of one stretch of the refinement, and the gain of merit below which it is over.
 _STRETCH, _STALLED = 30, 3e-4
@@ -57,20 +46,6 @@ _OPTIONS = 8
 #: be exchanged, after each stretch.
 _REACHES, _SIDES = (0.3, 0.1, 0.03, 0.01), 12
 _WORTH_IT = 1.0
-
-
-#: Betters plans by at most so many steps each.
-Refine = Callable[[Sequence[Cells], int], list[Cells]]
-
-
-@dataclass(frozen=True)
-class Search:
-    """Exchanges started over the cells of the optimal spread, designs refined, their steps, and the best one's."""
-
-    starts: int
-    designs: int
-    steps: int
-    last_steps: int
 
 
 def candidates(rows: Rows, holding: Holding) -> Cells:
@@ -150,7 +125,7 @@ class Merit:
     def of_choice(self, F: Array) -> float:
         """The merit of the rows F [d, d] to choose between plans by, rounded: less where the amplification is large."""
         worst, tail = self.amplification(F)
-        return round(self(F) - _WORSE * (max(worst - _WORST, 0.0) + max(tail - TAIL, 0.0)), 6)
+        return round(self(F) - _WORSE * (max(worst - _WORST, 0.0) + max(tail - _TAIL, 0.0)), 6)
 
     def amplification(self, F: Array) -> tuple[float, float]:
         """The worst joint's amplification of the rows F [d, d], and the largest of its 99.9 % quantiles."""
@@ -190,29 +165,6 @@ class Merit:
             chosen[column] = row
 
 
-def saturated(rows: Rows, merit: Merit, first: Cells, best: Optimum, refine: Refine, search: Search) -> Cells:
-    """Returns the d cells of largest merit found from the cells of the optimal spread and from the d cells `first`.
-
-    All that are returned are feasible, if `first` and the cells of the spread are, and `refine` keeps them so.
-    """
-    options = best.cells
-    F = rows.of_cells(options)
-    even = F @ np.linalg.inv(np.linalg.qr(F, mode="r"))
-    found: list[tuple[float, NDArray[np.int64]]] = []
-    for start in np.unique(np.linspace(0, len(F) - 1, search.starts).astype(np.int64)).tolist():
-        chosen = merit.exchanged(F, maxvol(even, start))
-        found.append((round(merit(F[chosen]), 6), chosen))
-    found.sort(key=lambda one: -one[0])
-    distinct = [found[k][1] for k in range(len(found)) if k == 0 or found[k - 1][0] - found[k][0] > _SAME]
-    starts = [*(options[chosen] for chosen in distinct[: search.designs]), first]
-
-    def worth(cells: Cells) -> float:
-        return merit.of_choice(rows.of_cells(cells))
-
-    winner = max(refine(starts, search.steps), key=worth)
-    return max([winner, *refine([winner], search.last_steps)], key=worth)
-
-
 def _telling(F: Array, joint: NDArray[np.int64]) -> NDArray[np.int64]:
     """The rows of F [N, d] in order: d of large determinant, then of each joint in turn the one that would add most."""
     even = F @ np.linalg.inv(np.linalg.qr(F, mode="r"))
@@ -235,11 +187,6 @@ def _rank(rows: Rows, cells: Cells) -> int:
     scale = np.maximum(np.linalg.norm(F, axis=0), _IN_FULL * rows.sizes(cells))
     values = np.linalg.svd(F / np.maximum(scale, 1e-300), compute_uv=False)
     return int((values > _SEEN * values[0]).sum())
-
-
-def refining(rows: Rows, merit: Merit, holding: Holding) -> Refine:
-    """Returns what betters plans one after the other, as `refined` does."""
-    return lambda plans, steps: [refined(rows, merit, cells, holding, steps) for cells in plans]
 
 
 def refined(rows: Rows, merit: Merit, cells: Cells, holding: Holding, steps: int) -> Cells:

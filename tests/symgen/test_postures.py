@@ -147,11 +147,10 @@ def test_the_number_of_spare_cells_is_the_callers() -> None:
 # What a plan achieves ------------------------------------------------------------------------------------------------
 
 
-#: Plans of as many cells as constants are local optima, and the bound is that of plans of any size: the quick ones of these
-#: end at 0.87 to 0.91. Panda behind walls ends at 0.896 with `--refine`,
-#: at 0.900 after 48 random starts. Of 254 random starts, bettered for minutes, the best reached 0.898 for the arm "7R 3", of
-#: 55 the best 0.882 for "7R 4".
-HARD = ("z1 without gripper", "panda", "6R 0", "7R 0", "7R 1")
+#: Plans of as many cells as constants are local optima, and the bound is that of plans of any size. The quick ones of these
+#: arms end below 0.9, with `--refine` those of "6R 2" at 0.897, of "7R 3" at 0.894 (0.898 is the best of 40 sweeps of many
+#: designs), of "7R 4" at 0.868 (0.882 the best of 55 random starts).
+HARD = ("panda", "6R 0")
 
 
 @pytest.mark.parametrize(
@@ -165,7 +164,7 @@ def test_a_plan_is_a_good_one_and_certified(name: str) -> None:
     design = designed(name)
     assert design.amplification.max() <= 1.2
     assert design.amplification_p999.max() <= 1.7
-    assert (0.86 if name in HARD else 0.9) <= design.d_efficiency <= 1
+    assert (0.89 if name in HARD else 0.9) <= design.d_efficiency <= 1
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -187,7 +186,7 @@ def test_a_full_plan_is_certified() -> None:
 @pytest.mark.parametrize("name", [*VENDORS, "6R 0", "6R 1", "7R 0", "7R 1"])
 def test_full_plans_are_certified(name: str) -> None:
     design = designed(name, "full")
-    assert design.d_efficiency >= (0.89 if name == "7R 0" else 0.9)
+    assert design.d_efficiency >= 0.9
     assert design.amplification.max() <= 1.2 and design.amplification_p999.max() <= 1.7
 
 
@@ -201,8 +200,7 @@ def test_behind_walls_plans_are_certified(name: str, effort: Effort) -> None:
     design = plan(factored(name), factored(name), effort=effort, feasible=feasible)
     assert feasible(design.q).all()
     assert design.amplification.max() <= 1.2 and design.amplification_p999.max() <= 1.7
-    least = {"quick": dict.fromkeys(("kinova", "panda", "z1 without gripper"), 0.87), "full": {"panda": 0.89}}
-    assert design.d_efficiency >= least[effort].get(name, 0.9)
+    assert design.d_efficiency >= (0.89 if (name, effort) == ("panda", "quick") else 0.9)
 
 
 def test_random_cells_and_plans_made_joint_by_joint_are_no_match() -> None:

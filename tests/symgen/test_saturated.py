@@ -1,4 +1,4 @@
-"""d cells out of many: exchange reaches what exhaustive search does, merit is what it says, refinement goes uphill."""
+"""d cells out of many: exchange reaches what exhaustive search does, merit is what it says."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from symgen.cells import Rows
 from symgen.chain import Chain
 from symgen.errors import PlanError
 from symgen.holding import Holding, box
-from symgen.optimal import further, optima
-from symgen.saturated import Merit, Search, candidates, maxvol, refining, saturated
+from symgen.saturated import Merit, candidates, maxvol
 
 
 def free(chain: Chain) -> Holding:
@@ -83,44 +82,6 @@ def sharp(merit: Merit, F: np.ndarray) -> float:
     G = np.linalg.inv(F)
     worst = max(np.trace(G.T @ M @ G) for M in merit.moments)
     return 12 / len(F) * float(np.linalg.slogdet(F)[1]) - float(np.log(worst)) / 2
-
-
-def test_a_longer_search_is_not_worse() -> None:
-    rows = Rows(factoring_of("ur5"), np.zeros(6))
-    holding, merit = free(arm("ur5")), Merit(rows)
-    start = candidates(rows, holding)
-    first, best = start[np.arange(28)], further(optima(rows, holding, start), 4)
-    found = [
-        merit(rows.of_cells(saturated(rows, merit, first, best, refining(rows, merit, holding), search)))
-        for search in (Search(1, 0, 0, 0), Search(6, 1, 10, 20), Search(24, 6, 40, 200))
-    ]
-    assert merit(rows.of_cells(first)) <= found[0] < found[1] < found[2]
-
-
-def in_front(q: np.ndarray) -> NDArray[np.bool_]:
-    """An arm beside a wall: all joints together may not turn far, and the elbow never back."""
-    return (q[:, 1:].sum(axis=1) < 2.0) & (q[:, 2] > -1.0)
-
-
-def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
-    rows = Rows(factoring_of("ur5"), np.zeros(6))
-    holding = Holding(arm("ur5"), box(arm("ur5").limits), in_front)
-    merit, start = Merit(rows), candidates(rows, holding)
-    first, best = start[np.arange(28)], further(optima(rows, holding, start), 4)
-    assert holding.keeps(start).all() and holding.keeps(best.cells).all()
-    short, long = (
-        saturated(rows, merit, first, best, refining(rows, merit, holding), search)
-        for search in (Search(6, 2, 0, 0), Search(6, 2, 40, 200))
-    )
-    for cells in (short, long):
-        passed, placed = holding.placed(cells)
-        assert passed.all() and in_front(placed.q).all()
-    assert merit(rows.of_cells(long)) > merit(rows.of_cells(short)) + 0.1, "refined up to the walls"
-    anywhere = further(optima(rows, free(arm("ur5")), start), 4)
-    assert anywhere.log_det_bound > best.log_det_bound
-    refine = refining(rows, merit, free(arm("ur5")))
-    unbound = saturated(rows, merit, first, anywhere, refine, Search(6, 2, 40, 200))
-    assert merit(rows.of_cells(unbound)) > merit(rows.of_cells(long)), "walls cost something"
 
 
 def test_too_few_feasible_postures_are_refused_in_one_line() -> None:
