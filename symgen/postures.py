@@ -52,21 +52,17 @@ _AT_ONCE = 8
 
 @dataclass(frozen=True)
 class _Work:
-    """Rounds of the search for the bound; those `beside` the search for the plan. Where the D-efficiency then is not
-    `enough`, at most so many `turns` of `more` rounds follow, while the bound is more to blame than the plan."""
+    """Rounds of the search for the bound before that for the plan, and beside it."""
 
     rounds: int
     beside: int
     search: Search
-    turns: int
-    more: int
-    enough: float
 
 
 _WORK = {
-    "draft": _Work(3, 0, Search(3, 1, 0, 1, 0), 0, 0, 1.0),
-    "quick": _Work(12, 6, Search(12, 3, 30, 1, 6), 2, 6, 0.901),
-    "full": _Work(40, 0, Search(40, 8, 60, 4, 16), 5, 4, 0.93),
+    "draft": _Work(3, 0, Search(3, 1, 0, 1, 0)),
+    "quick": _Work(12, 18, Search(12, 3, 30, 1, 8)),
+    "full": _Work(40, 0, Search(40, 8, 60, 4, 16)),
 }
 
 
@@ -76,8 +72,8 @@ class Design:
 
     `amplification` [n] as in the module's docstring, `amplification_p999` its 99.9 % quantile over the workspace;
     `cond` [n] the condition number of each joint's own rows, columns whitened over the workspace; `d_efficiency` lower
-    bound, by the peaks found among all cells that may be held, of (det / best possible det)^(1/d) per measurement for the cells without the spare ones,
-    `d_efficiency_all` for all.
+    bound, by the peaks found among all cells that may be held, of (det / best possible det)^(1/d) per measurement for the
+    cells without the spare ones, `d_efficiency_all` for all.
     """
 
     joint: NDArray[np.int64]
@@ -142,10 +138,9 @@ def plan(
     """Returns d cells (i, q) and `spare` more (default a quarter of d), with what they achieve.
 
     `wider` is the factoring of the same chain without believed zeros (or `factoring` itself), `rotor` [n, kg m2, joint
-    side] the reflected motor inertias N^2 J_m where known. `effort` "quick" ends when a D-efficiency of 0.9 is
-    certified, or after a few turns; "full" takes some seconds, "draft" a fraction of one, and its bound is loose.
-    `feasible` tells which postures [m, n] the arm may hold (a mask [m]); the certificate is against plans of cells that it
-    may hold, as far as the search finds them.
+    side] the reflected motor inertias N^2 J_m where known. `effort` "quick" takes a second for seven joints, "full" some,
+    "draft" a fraction of one, and its bound is loose. `feasible` tells which postures [m, n] the arm may hold (a mask [m]);
+    the certificate is against plans of cells that it may hold, as far as the search finds them.
 
     Raises PlanError when no postures within the limits, or no feasible ones, determine all constants.
     """
@@ -163,17 +158,8 @@ def plan(
     if work.beside:
         best, cells = beside(lambda: further(spreads, work.beside, best), lambda: found(alone))
     else:
-        with _shared(alone, WORKERS if work.turns else 1) as better:
+        with _shared(alone, min(WORKERS, work.search.finalists)) as better:
             cells = found(better)
-    F = rows.of_cells(cells)
-    for _ in range(work.turns):
-        missed = work.enough / d_efficiency(F, best.log_det)
-        if (
-            d_efficiency(F, best.log_det_bound) >= work.enough
-            or np.exp((best.log_det_bound - best.log_det) / d) <= missed
-        ):
-            break
-        best = further(spreads, work.more, best)
     _, needed = holding.placed(cells)
     pool = best.cells + every_joint(spread(holding.allowed, CANDIDATES, 0.5))
     more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare, holding)
