@@ -61,7 +61,7 @@ class _Work:
 
 _WORK = {
     "draft": _Work(3, 0, Search(3, 1, 0, 1, 0)),
-    "quick": _Work(12, 18, Search(12, 3, 30, 1, 8)),
+    "quick": _Work(12, 18, Search(12, 3, 30, 1, 10)),
     "full": _Work(40, 0, Search(40, 8, 60, 4, 16)),
 }
 

@@ -82,10 +82,10 @@ def bettering(rows: Rows, merit: Merit, holding: Holding) -> Better:
 
 def swept(rows: Rows, merit: Merit, cells: Cells, holding: Holding, sweeps: int) -> Cells:
     """Returns the d cells of largest merit after at most so many sweeps. All are feasible, if `cells` are."""
-    reached, idle = merit(rows.of_cells(cells)), 0
+    reached, idle = merit.of_choice(rows.of_cells(cells)), 0
     for k in range(sweeps):
         better = refined(rows, merit, _exchanged(rows, merit, cells, holding, (0.1 + 0.317 * k) % 1.0), holding, _STEPS)
-        value = merit(rows.of_cells(better))
+        value = merit.of_choice(rows.of_cells(better))
         idle = 0 if value > reached + _GAIN else idle + 1
         if value > reached:
             cells, reached = better, value
