@@ -178,7 +178,7 @@ def _by_lines(bench: Bench, data: tuple[Evidence, ...], progress: Callable[[str]
 
 def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[State, list[Added]]:
     """The arm with those effects that earned their place beyond `start`, and these in the order in which they were added."""
-    state = start
+    state = begun_afresh = start
     added: list[Added] = []
     progress(f"the declared arm: chi2 {excess(bench, state):.3g} a degree of freedom")
     for _ in range(MOST_EFFECTS):
@@ -191,13 +191,15 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
             break
         state, more = step
         added += more
+        if excess(bench, state) > NAMED:  # what was missing has bent the arm: is it the way, or is more missing?
+            state = begun_afresh = afresh(bench, state, progress)
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
         state, added = exchanged(bench, state, added, progress)
         state, added = pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:
             state, added = renamed(bench, state, curve, added, start.select, progress)
-    if added and excess(bench, state) > NAMED:
+    if added and excess(bench, state) > NAMED and state is not begun_afresh:
         state = afresh(bench, state, progress)
     for effect in state.effects[:-1]:  # found while others were missing
         if not explains(bench, state, start.select):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import diagnosed as by_hand
 import numpy as np
@@ -16,13 +17,13 @@ from ident.campaign import Array, Campaign
 from ident.candidates import catalogue, nearer, otherwise
 from ident.coupled import declared_start
 from ident.departures import groups
-from ident.diagnose import Begun, Diagnosis, begin, diagnose
+from ident.diagnose import Begun, Diagnosis, _loop, begin, diagnose
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.learned import learned
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.parts import split, split_lines, united
-from ident.refits import HASTILY, Bench, Refit, excess, fitted, linearised
+from ident.refits import HASTILY, Bench, Refit, State, excess, fitted, linearised
 from ident.trace import linearise
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
@@ -148,6 +149,32 @@ def test_what_leaves_a_thousandth_of_what_another_left_is_told_where_it_is_all_t
     )
     assert [(e.name, e.joint) for e in found.end.effects] == [("motor-coupling", 1), ("encoder-eccentricity", 2)]
     assert found.after.all < 1.1 * found.after.noise
+
+
+def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By stand-ins: a model is what it leaves, per degree of freedom."""
+    start, bent, straight = (SimpleNamespace(select=left, left=left, effects=()) for left in (9.0, 5.0, 1.0))
+    asked: list[State] = []
+
+    def another(bench: Bench, state: State, *_: object) -> tuple[State, list[str]]:
+        asked.append(state)
+        return bent, ["added"]
+
+    same = {"exchanged": lambda bench, state, added, progress: (state, added)}
+    stand_ins = same | {
+        "excess": lambda bench, state: state.left,
+        "_departs": lambda bench, state: state.left > 1.1,
+        "_suspect": lambda bench, state: False,
+        "_little": lambda bench, start, state: False,
+        "another": another,
+        "afresh": lambda bench, state, progress: straight,
+        "pruned": same["exchanged"],
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    bench = SimpleNamespace(split=SimpleNamespace(note="by lines"))
+    assert _loop(bench, start, lambda line: None) == (straight, ["added"])
+    assert asked == [start]
 
 
 @pytest.mark.bench
