@@ -57,17 +57,34 @@ def chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
     return name
 
 
-def _plainest(named: Sequence[Tried], dof: int) -> Tried | None:
-    """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters."""
+def _plainest(named: Sequence[Tried], dof: int, doubt: float = 2.0 * FINELY) -> Tried | None:
+    """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters. Descents may
+    have left a share `doubt` of chi^2."""
     if not named:
         return None
-    least = min(pair[1].select for pair in named)
-    limit = least + TIE + 2.0 * FINELY * dof + ALIKE * max(least - dof, 0.0)  # as far as descents went
+    least = min(map(left_by, named))
+    limit = least + TIE + doubt * dof + ALIKE * max(least - dof, 0.0)
     order = list(CATALOGUE)
     return min(
-        (pair for pair in named if pair[1].select <= limit),
-        key=lambda pair: (len(pair[0].effect.values), order.index(pair[0].effect.name), pair[1].select),
+        (pair for pair in named if left_by(pair) <= limit),
+        key=lambda pair: (len(pair[0].effect.values), order.index(pair[0].effect.name), left_by(pair)),
     )
+
+
+def rivals(bench: Bench, tried: Sequence[Tried], best: Tried) -> list[Tried]:
+    """The best of the other names that may leave less than the chosen one with no more parameters, had all been fitted on."""
+    if is_curve(best):
+        return []
+    limit = left_by(best) + TIE + 2.0 * FINELY * degrees(bench.split.select)
+    others = [one for one in best_names(tried) if one[0].key != best[0].key and left_by(one) <= limit]
+    return [one for one in others if len(one[0].effect.values) <= len(best[0].effect.values)]
+
+
+def plainest(bench: Bench, fitted_on: Sequence[Tried]) -> Tried:
+    """The one that is chosen of names that were fitted as closely as descents go."""
+    found = _plainest(fitted_on, degrees(bench.split.select), 0.0)
+    assert found is not None
+    return found
 
 
 def _much_better(bench: Bench, by_curve: float, named: State) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.added import Added
-from ident.choice import ALIKE, TIE, Tried, best_names, chosen, is_curve, vanished
+from ident.choice import ALIKE, TIE, Tried, best_names, chosen, is_curve, plainest, rivals, vanished
 from ident.departures import errors
 from ident.effects.base import Effect
 from ident.minima import fully, since, told
@@ -95,9 +95,9 @@ def _entry(
     dof, last = degrees(bench.split.select), new.effects[-1]
     key = last.name, last.joint, last.port
     others = [pair for pair in tried if pair[0].key != key and np.isfinite(pair[1].select)]
-    rivals = sorted((other for _, other in others), key=lambda other: other.select)
-    named = [other for other in rivals if other.effects[-1].name != "unknown"]
-    left_by = list(forked(lambda other: _error(bench, other), rivals[:RIVALS], bench.workers))
+    order = sorted((other for _, other in others), key=lambda other: other.select)
+    named = [other for other in order if other.effects[-1].name != "unknown"]
+    left_by = list(forked(lambda other: _error(bench, other), order[:RIVALS], bench.workers))
     report = bench.split.report
     return Added(
         effect=effect,
@@ -106,7 +106,7 @@ def _entry(
         after=errors(bench, new, report).all,
         gain=gain,
         excess=max(state.select - dof, 1.0),
-        rivals=tuple((other.effects[-1], error) for other, error in zip(rivals[:RIVALS], left_by, strict=True) if error < np.inf),
+        rivals=tuple((other.effects[-1], error) for other, error in zip(order[:RIVALS], left_by, strict=True) if error < np.inf),
         tied=tuple(
             other.effects[-1] for other in named if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0)
         ),
@@ -135,7 +135,12 @@ def _best(
     best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best[1].select):
         return None, tried
-    return (best[0], fully(bench, best[1])), tried
+    alike = [best, *rivals(bench, tried, best)]
+    closely = [(one[0], fully(bench, one[1])) for one in alike]
+    for one in closely[1:]:
+        progress(f"  as closely, {told(one[1].effects[-1])}: {one[1].select:.6g} and {closely[0][1].select:.6g}")
+    best = closely[0] if len(closely) == 1 else plainest(bench, closely)
+    return best, [one for one in tried if all(one is not other for other in alike)] + closely
 
 
 def _error(bench: Bench, state: State) -> float:
