@@ -17,6 +17,8 @@ LEAST_SHARE = 0.2
 CURVE_RATIO = 0.3
 #: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
 TIE, ALIKE = 12.0, 0.05
+#: Share of chi^2 that the descents of two candidates may have left.
+DOUBT = 2.0 * FINELY
 
 #: A candidate as it was promised, and the model refitted with it.
 Tried = tuple[Candidate, State]
@@ -49,7 +51,8 @@ def chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
     """The candidate that is chosen: the best name, or the best curve where no name earns what that does; `before` is
     chi^2 on the choosing records without any."""
     dof = degrees(bench.split.select)
-    name = _plainest([one for one in tried if not is_curve(one)], dof)
+    named = [one for one in tried if not is_curve(one)]
+    name = plainest(bench, named) if named else None
     curve = min((one for one in tried if is_curve(one)), key=left_by, default=None)
     earned = name is not None and before - left_by(name) > max(LEAST_GAIN, LEAST_SHARE * (before - dof))
     if name is None or (curve is not None and (not earned or _much_better(bench, left_by(curve) - dof, name[1]))):
@@ -57,11 +60,10 @@ def chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
     return name
 
 
-def _plainest(named: Sequence[Tried], dof: int, doubt: float = 2.0 * FINELY) -> Tried | None:
+def plainest(bench: Bench, named: Sequence[Tried], doubt: float = DOUBT) -> Tried:
     """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters. Descents may
     have left a share `doubt` of chi^2."""
-    if not named:
-        return None
+    dof = degrees(bench.split.select)
     least = min(map(left_by, named))
     limit = least + TIE + doubt * dof + ALIKE * max(least - dof, 0.0)
     order = list(CATALOGUE)
@@ -75,16 +77,9 @@ def rivals(bench: Bench, tried: Sequence[Tried], best: Tried) -> list[Tried]:
     """The best of the other names that may leave less than the chosen one with no more parameters, had all been fitted on."""
     if is_curve(best):
         return []
-    limit = left_by(best) + TIE + 2.0 * FINELY * degrees(bench.split.select)
+    limit = left_by(best) + TIE + DOUBT * degrees(bench.split.select)
     others = [one for one in best_names(tried) if one[0].key != best[0].key and left_by(one) <= limit]
     return [one for one in others if len(one[0].effect.values) <= len(best[0].effect.values)]
-
-
-def plainest(bench: Bench, fitted_on: Sequence[Tried]) -> Tried:
-    """The one that is chosen of names that were fitted as closely as descents go."""
-    found = _plainest(fitted_on, degrees(bench.split.select), 0.0)
-    assert found is not None
-    return found
 
 
 def _much_better(bench: Bench, by_curve: float, named: State) -> bool:

@@ -139,7 +139,7 @@ def _best(
     closely = [(one[0], fully(bench, one[1])) for one in alike]
     for one in closely[1:]:
         progress(f"  as closely, {told(one[1].effects[-1])}: {one[1].select:.6g} and {closely[0][1].select:.6g}")
-    best = closely[0] if len(closely) == 1 else plainest(bench, closely)
+    best = closely[0] if len(closely) == 1 else plainest(bench, closely, 0.0)
     return best, [one for one in tried if all(one is not other for other in alike)] + closely
 
 

@@ -124,13 +124,10 @@ class Merit:
 
     def of_choice(self, F: Array) -> float:
         """The merit of the rows F [d, d] to choose between plans by, rounded: less where the amplification is large."""
-        worst, tail = self.amplification(F)
-        return round(self(F) - _WORSE * (max(worst - _WORST, 0.0) + max(tail - _TAIL, 0.0)), 6)
-
-    def amplification(self, F: Array) -> tuple[float, float]:
-        """The worst joint's amplification of the rows F [d, d], and the largest of its 99.9 % quantiles."""
         variance = ((self._everywhere @ np.linalg.inv(F)) ** 2).sum(axis=2)
-        return float(np.sqrt(variance.mean(axis=0).max())), float(np.sqrt(np.quantile(variance, 0.999, axis=0).max()))
+        worst = float(np.sqrt(variance.mean(axis=0).max()))
+        tail = float(np.sqrt(np.quantile(variance, 0.999, axis=0).max()))
+        return round(self(F) - _WORSE * (max(worst - _WORST, 0.0) + max(tail - _TAIL, 0.0)), 6)
 
     def with_slope(self, F: Array) -> tuple[float, Array]:
         """The merit of the rows F [d, d] and its derivative [d, d]. Raises LinAlgError if F is singular."""

@@ -109,10 +109,8 @@ def _exchanged(rows: Rows, merit: Merit, cells: Cells, holding: Holding, offset:
         value = (F * g).sum(axis=1)
         return np.abs(value), slope(g / value[:, None])
 
-    peaks = Cells(
-        found.joint, np.clip(steady(climbed_each(hills, found.q, holding.allowed, _CLIMB_STEPS)[0]), *holding.allowed.T)
-    )
-    found = holding.towards(found, peaks)
+    q, _ = climbed_each(hills, found.q, holding.allowed, _CLIMB_STEPS)
+    found = holding.towards(found, Cells(found.joint, np.clip(steady(q), *holding.allowed.T)))
     found = found[np.abs((rows.of_cells(found) * g).sum(axis=1)) > 1.0]
     options = cells + found
     return options[merit.exchanged(rows.of_cells(options), np.arange(d))]
