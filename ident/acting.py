@@ -277,7 +277,7 @@ def motion_of(
         "q": (mean_theta / scene.N - twist, q), "q_rate": (still, s * q),
         "deflection": (twist, x - q), "deflection_rate": (still, s * (x - q)), "spring": (carried, spring),
     }  # fmt: skip
-    return Motion(1.0 / (scene.f0 * scene.samples), scene.N, p.K, Lined(scene, signals))
+    return Motion(1.0 / (scene.f0 * scene.samples), scene.N, p.K, Lined(scene, signals), scene.strays)
 
 
 @dataclass(frozen=True, eq=False)

@@ -260,8 +260,8 @@ def chi_squared(problem: Problem, vector: Array, held: Sequence[Held]) -> float:
 
 def chi_squared_of(problem: Problem, vector: Array, one: Evidence, kept: Held) -> float:
     """chi^2 of one record; infinite as that of all."""
-    J = one.scene.arm.J(problem.parameters(vector))
     with np.errstate(all="ignore"):  # a trial step beyond numbers is refused for its size
+        J = one.scene.arm.J(problem.parameters(vector))
         if not np.isfinite(J).all() or np.linalg.eigvalsh(J)[0] <= 0.0:
             return float(np.inf)
         r = residual(problem, vector, one, kept.moved, judged=True)[0]

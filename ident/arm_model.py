@@ -199,7 +199,9 @@ def _by_powers(arm: Posture, p: Parameters, sampling: Sampling, derive: bool) ->
     by_place = mobility @ _of_blocks(dK, -dK, -dK, dK + arm.K_rows @ p.gravity)
     by_rate = mobility @ _of_blocks(dD + np.diag(N**2 * D), -dD, -dD, dD)
     eye = np.eye(2 * m)
-    poles = np.abs(np.linalg.eigvals(_of_blocks(0.0 * eye, eye, -by_place, -by_rate))).max() / (2.0 * np.pi)
+    generator = _of_blocks(0.0 * eye, eye, -by_place, -by_rate)
+    beyond_numbers = not np.isfinite(generator).all()  # then so is the response
+    poles = np.inf if beyond_numbers else np.abs(np.linalg.eigvals(generator)).max() / (2.0 * np.pi)
 
     top = float(sampling.f.max())
     near = int(np.clip(np.ceil((CONVERGES * poles + top) / sampling.fs) - 1, 0, sampling.near))

@@ -90,7 +90,9 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
         N=campaign.N,
         beyond=(band.beyond[0], band.beyond[1][:, live], band.beyond[2][:, live]),
         slopes=_slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
-        creeping=campaign.N * frf.drift * band.f0 / max(frf.periods - 1, 1),
+        kept=campaign.records[index].theta[-frf.periods * campaign.records[index].samples_per_period :]
+        if lines == "every"
+        else None,
         chain=model.chain,
         gravity=campaign.gravity,
     )

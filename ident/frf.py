@@ -217,15 +217,13 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
 
 
 def _beyond(kept: Array, M: int, band: NDArray[np.int64]) -> tuple[NDArray[np.int64], Complex, Complex]:
-    """The lines of the mean of M periods `kept` [M S, 2n] below `band`, leakage taken off, and above it, up to `HIGHEST` of
-    the sampling rate."""
+    """The lines of M periods `kept` [M S, 2n] below `band` and above it, up to `HIGHEST` of the sampling rate, leakage taken off: a
+    mean that moves leaks into all of them."""
     S, n = len(kept) // M, kept.shape[1] // 2
     below, above = np.arange(1, band[0]), np.arange(band[-1] + 1, max(int(band[-1]), int(HIGHEST * S)) + 1)
-    low = between_lines(kept, M, below)[0] if below.size else np.zeros((0, 2 * n), dtype=complex)
-    period = kept.reshape(M, S, 2 * n).mean(axis=0)
-    high = np.fft.rfft(period - period.mean(axis=0), axis=0)[above] * (2.0 / S)
-    spectrum = np.concatenate([low, high])
-    return np.concatenate([below, above]), _fixed(spectrum[:, :n]), _fixed(spectrum[:, n:])
+    lines = np.concatenate([below, above])
+    spectrum = between_lines(kept, M, lines)[0]
+    return lines, _fixed(spectrum[:, :n]), _fixed(spectrum[:, n:])
 
 
 def _hertz(lines: NDArray[np.int64], record: Record) -> Array:

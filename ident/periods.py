@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.campaign import Array
-from ident.effects.friction import direction
+from ident.effects.motion import direction
 from ident.trace import Linearised
 
 #: Cells of the histogram in a wave of the highest order; orders in what the range of positions resolves; powers computed.

@@ -17,7 +17,7 @@ from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned
 from ident.evidence import Evidence
 from ident.parts import Split, degrees, few_lines, sampled
-from ident.smoothing import TURNS
+from ident.sliding import TURNS
 from ident.trace import Linearised, linearise
 from symgen.forked import forked
 from symgen.plan import Model

@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 from ident.arm_model import Extra, Parameters, Posture
 from ident.campaign import Array
 from ident.effects.base import Effect, Known
+from ident.effects.motion import CREEP
 from ident.excitation import synthesise
 from ident.frf import Complex
+from ident.strays import strays
 from symgen.chain import Chain
 
 #: Samples a period per line of the band: laws with kinks need more than Nyquist's two, and J(q) suffers from too few.
 OVERSAMPLED = 12
+#: Noise that is left of the velocity of a motor in one period, and of a link [of the speed below which dry friction creeps].
+QUIET, QUIET_LINK = 0.1, 0.01
 #: Aliases on either side that gains are told of: those of a motor alone fall with the third power.
 FOLDED = 8
 #: Rows of what J and the gravity stiffness change by, see `Scene`.
@@ -31,8 +35,8 @@ class Scene:
     The motion is that of the lines `beyond` the band (lines [H], tau, theta [H, m]), too: dry friction moves a joint there.
 
     `noise` [2, m] are the rms errors of tau and theta at a line. `means` [2, n] of torques [N m] and motor angles [rad] and `posture` [n] are those of all joints. `slopes` are
-    (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by. `creeping` [n, rad/s]
-    are the mean velocities of the motors, on their way to where they rest. `chain` the declared links.
+    (dJ/dq_k, dK/dq_k), [m, m, m, D] and [m, m, m, r], k first: rows of what J and the gravity stiffness change by. `kept` [M S, n, rad]
+    are the motor angles of the M periods that the lines are of. `chain` the declared links.
     """
 
     arm: Posture
@@ -49,7 +53,7 @@ class Scene:
     N: Array
     beyond: tuple[NDArray[np.int64], Complex, Complex]
     slopes: Slopes | None = None
-    creeping: Array | None = None
+    kept: Array | None = None
     chain: Chain | None = None
     gravity: Array | None = None
     oversampled: int = OVERSAMPLED
@@ -86,6 +90,19 @@ class Scene:
         """The part [S, 2m, 2m] of an impedance [S, 2n, 2n] that belongs to the live joints."""
         both = np.concatenate([self.arm.live, self.n + self.arm.live])
         return impedance[:, both[:, None], both]
+
+    def strays(self, port: str, joint: int) -> Array | None:
+        """How much faster [M, S] the motor or link of a joint is in each period than in the one that repeats; None where nobody
+        knows. A link follows its motor when that moves slowly."""
+        place = np.flatnonzero(self.arm.live == joint)
+        if self.kept is None or not place.size:
+            return None
+        wide, N = self.wide, float(self.N[joint])
+        repeating = synthesise(wide.lines, wide.theta[:, place[0]], round(self.fs / self.f0))
+        creep = CREEP * abs(N)
+        if port == "motor":
+            return strays(self.kept[:, joint], repeating, self.fs, QUIET * creep, self.samples)
+        return strays(self.kept[:, joint], repeating, self.fs, QUIET_LINK * creep, self.samples) / N
 
     def in_time(self, spectrum: Complex) -> Array:
         """One period [S, ..] of what has these amplitudes [L, ..] at the lines."""

@@ -12,48 +12,33 @@ from dataclasses import replace
 from itertools import chain, islice
 
 import numpy as np
-from numpy.linalg import norm
-from numpy.typing import NDArray
 
 from ident.acting import Moved, Slid, signals
 from ident.arm_model import Parameters, Sampling
 from ident.campaign import Array
 from ident.effects.base import Effect, Law
-from ident.effects.motion import Motion
+from ident.effects.motion import Motion, over_periods
 from ident.frf import Complex
 from ident.likely_motion import Force, Forces, Key, LikelyMotion
 from ident.marching import marched
 from ident.scene import Scene
+from ident.sliding import EVERYWHERE, TURNS, Where, balanced, in_turns, told_by
 from ident.whitening import Powers
 
 #: Times all forces are found from the motion under all the others.
 SWEEPS = 3
 #: They agree when they change by less than this share.
 SAME = 1e-4
-#: Steps towards a force that follows from a position; towards one that stops what moves it, the change that ends them, and
-#: resistances [of the median one of the port] that damp them, tried by turns; behind a spring this share of them.
-STEPS, TURNS, SETTLED, DAMPED, BEHIND = 20, 60, 1e-4, (0.5, 2.0, 0.125), 0.25
-#: Turns that are mixed, the change that ends them; times that the best line is found from which they start.
-MEMORY, SLID, BALANCES = 8, 1e-4, 3
+#: Steps towards a force that follows from a position, the change that ends them; resistances [of the median one of the port] that
+#: damp turns to dry friction, tried by turns; behind a spring this share of them.
+STEPS, SETTLED, DAMPED, BEHIND = 20, 1e-4, (0.5, 2.0, 0.125), 0.25
 #: Dry friction stops a joint within so small a part of a sample that it takes so many times as many.
 STOPS = 2
-#: Share by which inner products of a turn with itself are lifted where turns are mixed.
-RIDGE = 1e-4
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
 #: chi^2 per degree of freedom below which no other force is looked for; nor, of one that rattles, another period, and these at most,
 #: told by so many times fewer samples.
 EXPLAINED, FITS, PERIODS, COARSER = 2.0, 1.1, 10, 4
-#: Steps to the velocity at which a law has a force, each along a tangent as wide as this share of the velocities.
-TANGENTS, TANGENT = 12, 1e-6
-#: Share of the largest torque to which that force is found.
-MET = 1e-9
-#: Samples that are not there yet are looked at alone when they are less than this share.
-FEWER, EVERYWHERE = 0.7, slice(None)
-
-#: Friction at some k of the samples: its force [k] by the velocity [k] there.
-Where = NDArray[np.int64] | slice
-Friction = Callable[[Where], Callable[[Array], Array]]
 
 
 def smoothed(
@@ -134,36 +119,37 @@ def _sliding(
     scene, (port, k) = arm.scene, key
     joint = int(scene.arm.live[k])
     N = float(scene.arm.N[k]) if port == "motor" else 1.0
-    state = motion.state(joint)
+    state, astray = motion.state(joint), motion.astray(port, joint)
     position, measured = state.at(port)
 
     def friction(where: Where) -> Callable[[Array], Array]:
         here, place = state if where is EVERYWHERE else state.when(where), position[where]
+        away = astray if astray is None or where is EVERYWHERE else astray.when(where)
 
         def force(v: Array) -> Array:
             moved = here.moved(port, place, v)
-            return np.asarray(-N * sum(law.law(moved) for law in laws), dtype=float)
+            forces = over_periods(lambda at: sum(law.law(at) for law in laws), moved, port, away)
+            return np.asarray(-N * forces, dtype=float)
 
         return force
 
     v0, Y = arm.rate(key, on)
-    gear = 1.0 if port == "motor" else float(scene.N[joint])
-    creep = 0.0 if scene.creeping is None else float(scene.creeping[joint]) / gear
+    reach = 0.0 if astray is None else float((np.abs(astray.mean) + astray.most).max())
     best, found, least = start, last, np.inf
     alone = scene.in_time(np.stack([v0, start.lines], axis=1))
     driven = arm.images[:, k] * scene.arm.N[k] if port == "motor" else None
 
     def likely(g: float) -> list[Array]:
-        return [friction(EVERYWHERE)(v) + g * v for v in (measured, _balanced(scene, friction(EVERYWHERE), v0, Y))]
+        return [friction(EVERYWHERE)(v) + g * v for v in (measured, balanced(scene, friction(EVERYWHERE), v0, Y))]
 
     ways: list[Callable[[float], list[Array]]] = [likely, lambda g: [g * alone[:, 0] - alone[:, 1]]]
     tries = [(times, way) for times in DAMPED for way in ways]
     if last is not None:
-        v, f = (_told_by(x, scene.samples) for x in last)
+        v, f = (told_by(x, scene.samples) for x in last)
         tries.insert(0, (DAMPED[0], lambda g: [f + g * v]))
     for times, way in tries:
         g = times * (BEHIND if port == "link" else 1.0) / float(np.median(np.abs(Y)))
-        force, slope, ends = _in_turns(scene, friction, g, v0, Y, way(g), turns, creep, driven)
+        force, slope, ends = in_turns(scene, friction, g, v0, Y, way(g), turns, reach, driven)
         misfit = arm.misfit(on | {key: on[key].plus(force)})
         found = ends if found is None else found
         if misfit < least:  # else it is no number: a law that is far too strong
@@ -172,95 +158,6 @@ def _sliding(
             break  # friction that never falls with speed is met in one motion only
     assert found is not None
     return best, found
-
-
-def _told_by(x: Array, samples: int) -> Array:
-    """A period x [S] told by so many samples."""
-    S = len(x)
-    return x if S == samples else np.interp(np.arange(samples) * (S / samples), np.arange(S), x, period=S)
-
-
-def _balanced(scene: Scene, friction: Callable[[Array], Array], v0: Complex, Y: Complex) -> Array:
-    """The velocity [S] v = v0 - Y friction(v), the best line through friction and velocity in friction's place: right for a
-    joint that sticks."""
-    v = scene.in_time(v0[:, None])[:, 0]
-    for _ in range(BALANCES):
-        slope = float(friction(v) @ v) / max(float(v @ v), 1e-300)
-        v = scene.in_time((v0 / (1.0 + Y * slope))[:, None])[:, 0]
-    return v
-
-
-def _in_turns(
-    scene: Scene,
-    friction: Friction,
-    g: float,
-    v0: Complex,
-    Y: Complex,
-    starts: Sequence[Array],
-    turns: int,
-    mean_rate: float = 0.0,
-    driven: Complex | None = None,
-) -> tuple[Force, Array, Slid]:
-    """The force of `friction` where v = v0 - Y friction(v), from the w = friction(v) + g v of `starts` that a turn changes
-    least; the slope of friction [S] there; v and friction.
-
-    Friction has harmonics beyond the lines; there the port is what it is at the last line, a mass.
-    """
-    S = scene.samples
-    harmonics = np.arange(S // 2 + 1)
-    beyond = harmonics > scene.lines[-1]
-    alone, gives = np.zeros((2, len(harmonics)), dtype=complex)
-    alone[scene.lines], gives[scene.lines] = v0 * (S / 2), Y
-    gives[beyond] = Y[-1] * scene.lines[-1] / harmonics[beyond]
-    if driven is not None:
-        alone += gives * driven * (S / 2)
-    v, slope, force = starts[0] / g, np.zeros(S), np.zeros_like(alone)
-
-    def turn(w: Array) -> Array:
-        """By how much w changes."""
-        nonlocal v, slope, force
-        v, slope = _met(friction, g, w, v)
-        f = w - g * v
-        left = np.fft.rfft(f - g * v)
-        v_lines = (alone - gives * left) / (1.0 + g * gives)
-        force = left + g * v_lines
-        force[0] = f.sum()
-        v_lines[0] = S * mean_rate  # a constant torque moves nothing for ever: what is needed is there
-        return np.asarray(np.fft.irfft(force + g * v_lines, S) - w)
-
-    turned = [(turn(w), w) for w in starts]
-    change, w = min(turned, key=lambda one: norm(one[0]) / (norm(one[0] + one[1]) + 1e-300))
-    w = w + change
-    w = _mixed(turn, w, turns, SLID * float(norm(w)))
-    there = Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S)
-    return there, slope, (v.astype(np.float32), (w - g * v).astype(np.float32))
-
-
-def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) -> Array:
-    """Turns from w [S], each from where the last ones, mixed, seem to lead (D. G. Anderson, J. ACM 12 (1965), DOI
-    10.1145/321296.321305), until one changes w by `enough` or less; returns the w of the last.
-
-    As scipy.optimize.anderson does, which takes all inner products of what it remembers anew at every turn: three times as long
-    as the turn itself.
-    """
-    changes, leads = np.zeros((2, MEMORY, len(w)))  # of the change, and of where it led, from one turn to the next
-    products = np.zeros((MEMORY, MEMORY))
-    change = turn(w)
-    for k in range(turns):
-        if not norm(change) > enough:  # or no number
-            break
-        seen = min(k, MEMORY)
-        mixed = change.copy()
-        if seen:
-            lifted = products[:seen, :seen] + RIDGE * np.diag(np.diag(products)[:seen])
-            mixed -= np.linalg.lstsq(lifted, changes[:seen] @ change, rcond=None)[0] @ leads[:seen]
-        w = w + mixed
-        before, change = change, turn(w)
-        now = k % MEMORY
-        changes[now] = change - before
-        leads[now] = mixed + changes[now]
-        products[now] = products[:, now] = changes @ changes[now]
-    return w
 
 
 def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces, march: bool) -> Force:
@@ -330,30 +227,3 @@ def _likeliest(arm: LikelyMotion, key: Key, on: Forces, found: Array, more: Iter
         if least < FITS * arm.degrees:
             break
     return best
-
-
-def _met(friction: Friction, g: float, w: Array, v: Array) -> tuple[Array, Array]:
-    """Velocities [S] where friction(v) + g v = w, from `v`, and the slope of friction there; Newton's steps, kept in a bracket:
-    friction is against v. Only where it is not met yet are more made."""
-    low, high = np.minimum(w / g, 0.0), np.maximum(w / g, 0.0)
-    v = np.clip(v, low, high)
-    h = TANGENT * float(np.abs(v).max() + 1e-300)
-    small = MET * float(np.abs(w).max())
-    slope = np.zeros_like(w)
-    where: Where = EVERYWHERE
-    for _ in range(TANGENTS):
-        at, lowest, highest, force = v[where], low[where], high[where], friction(where)
-        f = force(at)
-        error = f + g * at - w[where]
-        low[where] = lowest = np.where(error < 0.0, at, lowest)
-        high[where] = highest = np.where(error > 0.0, at, highest)
-        slope[where] = tangent = (force(at + h) - f) / h
-        step = at - error / np.maximum(tangent + g, 1e-3 * g)
-        inside = (step > lowest) & (step < highest)
-        v[where] = np.where(inside, step, 0.5 * (lowest + highest))
-        far = np.flatnonzero(np.abs(error) >= small)
-        if not len(far):
-            break
-        if len(far) < FEWER * len(w):
-            where = far if isinstance(where, slice) else where[far]
-    return v, slope

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.effects.motion import Motion, State
+from ident.effects.motion import Motion, State, over_periods
 from ident.errors import IdentError
 from symgen.chain import Chain
 from symgen.robot import Drive
@@ -293,7 +293,10 @@ class Law(PortLaw):
     def force(self, motion: Motion) -> Array | None:
         if self.joint is None:
             raise IdentError(f"effect {self.name}: a law of one joint; expected one")
-        return None if self.linear else np.asarray(self.law(motion.state(self.joint)))
+        if self.linear:
+            return None
+        astray = motion.astray(self.port, self.joint) if self.dry else None
+        return np.asarray(over_periods(self.law, motion.state(self.joint), self.port, astray))
 
     def start(self) -> tuple[Callable[[State], Any], None]:
         return self.law, None

@@ -8,23 +8,13 @@ against the velocity noise of an encoder.
 
 from __future__ import annotations
 
-from math import tanh
 from typing import Any, final
 
 import numpy as np
 
 from ident.effects.base import Complex, Known, Law, Parameter
 from ident.effects.impedance import at_link
-from ident.effects.motion import State
-
-#: Speed [rad/s or m/s, joint side] at which dry friction has three quarters of its level.
-CREEP = 5e-4
-
-
-def direction(rate: Any, N: float = 1.0) -> Any:
-    """The smoothed sign of a velocity; a motor's with its gear ratio N."""
-    slides = rate / (CREEP * abs(N))
-    return tanh(slides) if isinstance(slides, float) else np.tanh(slides)  # a million floats a simulation
+from ident.effects.motion import State, direction
 
 
 def _level(unit: str = "Nm") -> Parameter:

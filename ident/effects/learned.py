@@ -13,8 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ident.effects.base import Array, Effect, Law, Parameter
-from ident.effects.friction import direction
-from ident.effects.motion import State
+from ident.effects.motion import State, direction
 
 #: What a curve may be a function of; "friction" is one of position, against the motion.
 VARIABLES = ("position", "velocity", "torque", "friction")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import tanh
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+#: Speed [rad/s or m/s, joint side] at which dry friction has three quarters of its level.
+CREEP = 5e-4
+#: Times that from standstill, and times that apart: nearer, and periods that differ by more, a dry law is asked for each by itself.
+NEAR, APART = 6.0, 0.1
 #: The signals of a joint that moves: motor side, link side, its spring.
 SIGNALS = ("theta", "omega", "tau", "q", "q_rate", "deflection", "deflection_rate", "spring")
 #: Position, velocity and torque at a port.
@@ -81,14 +86,17 @@ class Told(State):
 class Motion:
     """How all n joints move in one record: one period, samples `dt` [s] apart, gear ratios `N` and springs' stiffness `K` [n].
 
-    `tell` gives a signal [S] by its name, as in `State`, and the joint; what cannot be known is zero (a clamped joint).
+    `tell` gives a signal [S] by its name, as in `State`, and the joint; what cannot be known is zero (a clamped joint). `strays` gives
+    how much faster [M, S] a port of a joint is in each of M periods; None where all are one.
     """
 
     dt: float
     N: Array
     K: Array
     tell: Callable[[str, int], Array]
+    strays: Callable[[str, int], Array | None] = lambda port, joint: None
     _told: dict[tuple[str, int], Array] = field(default_factory=dict)
+    _astray: dict[tuple[str, int], Astray | None] = field(default_factory=dict)
 
     def state(self, joint: int) -> State:
         """The motion of one joint."""
@@ -100,6 +108,13 @@ class Motion:
             self._told[name, joint] = self.tell(name, joint)
         return self._told[name, joint]
 
+    def astray(self, port: str, joint: int) -> Astray | None:
+        """How the periods differ in the velocity of a motor or link; None where all are one."""
+        if (port, joint) not in self._astray:
+            faster = self.strays(port, joint)
+            self._astray[port, joint] = None if faster is None else Astray.of(faster)
+        return self._astray[port, joint]
+
     def at(self, port: str, joint: int) -> tuple[Array, Array, Array]:
         """Position, velocity and torque [S] at a port of a joint."""
         position, velocity, torque = AT[port]
@@ -108,3 +123,47 @@ class Motion:
     def of(self, name: str, joints: Sequence[int] | NDArray[np.int64]) -> Array:
         """One signal of these joints [S, ..]."""
         return np.stack([self.signal(name, int(j)) for j in joints], axis=1)
+
+
+def direction(rate: Any, N: float = 1.0) -> Any:
+    """The smoothed sign of a velocity; a motor's with its gear ratio N."""
+    slides = rate / (CREEP * abs(N))
+    return tanh(slides) if isinstance(slides, float) else np.tanh(slides)  # a million floats a simulation
+
+
+@dataclass(frozen=True, eq=False)
+class Astray:
+    """How much faster than its velocity a motor or link is in each of M periods: on the `mean` [S], each from that `apart` [M, S], by
+    `most` [S]."""
+
+    mean: Array
+    apart: Array
+    most: Array
+
+    @staticmethod
+    def of(faster: Array) -> Astray:
+        mean = faster.mean(axis=0)
+        return Astray(mean, faster - mean, np.ptp(faster, axis=0))
+
+    def when(self, samples: Any) -> Astray:
+        """The same at some of the samples."""
+        return Astray(self.mean[samples], self.apart[:, samples], self.most[samples])
+
+
+def over_periods(law: Callable[[State], Any], at: State, port: str, astray: Astray | None) -> Any:
+    """The mean over the periods of a dry law of the velocity at a port, which in each is `astray` from that `at` hand.
+
+    Away from standstill friction is nearly straight, and that of the mean velocity is it.
+    """
+    if astray is None:
+        return law(at)
+    position, velocity = at.at(port)
+    velocity = velocity + astray.mean
+    force = np.array(law(at.moved(port, position, velocity)))
+    creep = CREEP * (abs(at.N) if port == "motor" else 1.0)
+    near = np.flatnonzero((np.abs(velocity) < NEAR * creep + astray.most) & (astray.most > APART * creep))
+    every = np.tile(near, len(astray.apart))
+    faster = velocity[every] + astray.apart[:, near].ravel()
+    forces = np.asarray(law(at.when(every).moved(port, position[every], faster)))
+    force[near] = forces.reshape(len(astray.apart), len(near)).mean(axis=0)
+    return force

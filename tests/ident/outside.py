@@ -11,8 +11,7 @@ from typing import Any, final
 import numpy as np
 
 from ident.effects.base import Effect, Law, Parameter
-from ident.effects.friction import direction
-from ident.effects.motion import State
+from ident.effects.motion import State, direction
 
 
 @final

@@ -223,6 +223,19 @@ def test_a_drifting_mean_is_a_status_with_its_size():
     assert any("the mean of joint1 drifts by 0.04" in line or "drifts by 0.05" in line for line in frf.status)
 
 
+def test_a_drifting_mean_does_not_reach_the_lines_beyond_the_band():
+    """Where a period ends it would be a jump, as large as it drifts in one, which is in all lines."""
+    made, drift = record(JOINT, 0, gains=SOFT, noise=0, step=0), 0.05
+    ramp = drift * np.arange(len(made.theta))[:, None] / made.samples_per_period
+    still, moving = (
+        estimate(replace(made, theta=theta), campaign(JOINT)).band for theta in (made.theta, made.theta + ramp)
+    )
+    lines, _, theta = moving.beyond
+    assert lines[0] > still.lines[-1]
+    jump = drift / (np.pi * lines[:, None])
+    assert np.max(np.abs(theta - still.beyond[2]) / jump) < 0.01
+
+
 def broken(field, value):
     made = record(JOINT, 0, gains=SOFT, periods=2)
     return replace(made, **{field: value(made)})

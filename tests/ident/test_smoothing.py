@@ -16,12 +16,13 @@ from ident.arm_model import Posture
 from ident.bench import design, head, run
 from ident.coupled import declared_start, problem_of
 from ident.effects.base import Effect
-from ident.effects.friction import LinkCoulomb, MotorCoulomb
+from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorStribeck
 from ident.effects.spring import Backlash, SpringHardening
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.scene import Scene
-from ident.smoothing import TURNS, _by_instants, _in_turns
+from ident.sliding import TURNS, in_turns
+from ident.smoothing import _by_instants
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 
@@ -55,7 +56,11 @@ def levels(effect: Effect, joint: str, posture: tuple[float, ...]) -> tuple[floa
     ("effect", "joint", "measured", "smoothed"),
     [
         pytest.param(MotorCoulomb(0, (4e-3,)), "joint2", 2.0, 1.15, id="a motor that sticks"),
-        pytest.param(MotorCoulomb(1, (3e-2,)), "joint2", 10.0, 1.25, id="a motor that stops and turns often"),
+        pytest.param(MotorCoulomb(1, (3e-2,)), "joint2", 10.0, 1.1, id="a motor that stops and turns often"),
+        pytest.param(
+            MotorStribeck(0, (5e-3, 3e-2, 2.0)), "joint1", 2.0, 1.15, id="periods that differ near standstill"
+        ),
+        pytest.param(MotorStribeck(1, (2e-2, 6e-2, 3.0)), "joint2", 100.0, 1.15, id="turns that do not settle"),
         pytest.param(LinkCoulomb(1, (0.4,)), "joint1", 100.0, 1.15, id="a link that sticks"),
         pytest.param(LinkCoulomb(1, (0.4,)), "joint2", 1.3, 1.15, id="a link that slides"),
         pytest.param(SpringHardening(1, (3e7,)), "joint2", 100.0, 1.15, id="a spring under load"),
@@ -87,7 +92,7 @@ def test_the_force_of_friction_is_met_at_one_place_however_it_is_damped() -> Non
     v0 = Y * np.where(lines == 1, 1.2, 0.0)
     assert scene.samples == S
     found = [
-        _in_turns(scene, lambda where: lambda v: np.tanh(v / 0.02), g, v0, Y, [np.zeros(S)], 3000)[0].lines
+        in_turns(scene, lambda where: lambda v: np.tanh(v / 0.02), g, v0, Y, [np.zeros(S)], 3000)[0].lines
         for g in (0.5, 2.0, 8.0)
     ]
     for other in found[1:]:
@@ -114,7 +119,7 @@ def test_friction_in_turns_is_that_of_an_integrated_mass() -> None:
         return np.asarray(level * np.tanh(v / creep))
 
     Y = 1.0 / (m * scene.s + c)
-    found, slope, _ = _in_turns(
+    found, slope, _ = in_turns(
         scene, lambda where: friction, 0.5 * float(np.median(1 / np.abs(Y))), Y * u, Y, [np.zeros(scene.samples)], TURNS
     )
     t = np.arange(scene.samples) / scene.samples

@@ -32,6 +32,17 @@ def test_sums_are_those_of_the_records_whoever_found_them() -> None:
     np.testing.assert_allclose(information, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
+def test_what_is_beyond_numbers_is_infinitely_wrong_and_bends_nowhere() -> None:
+    end = diagnosis().end
+    problem, vector = end.problem, end.minimum.vector
+    far = np.zeros_like(vector)
+    far[0] = 1e4  # a stiffness is told by its logarithm
+    with summed(problem) as sums:
+        sums.hold(vector)
+        assert sums.chi_squared(vector + far) == np.inf
+        assert not np.isfinite(sums.curved(vector, far / problem.scale, 0.1)).all()
+
+
 def test_a_curvature_is_of_second_order_in_the_step_and_the_same_however_far_it_looks() -> None:
     end = diagnosis().end
     problem, vector = end.problem, end.minimum.vector

@@ -1,0 +1,197 @@
+"""Dry friction and the velocity that it leaves a joint, over a period: each is a function of the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.linalg import norm
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from ident.acting import Slid
+from ident.campaign import Array
+from ident.frf import Complex
+from ident.likely_motion import Force
+from ident.scene import Scene
+
+#: Turns to a force and what it stops, turns that are mixed, the change that ends them; times that the best line is found from
+#: which they start.
+TURNS, MEMORY, SLID, BALANCES = 60, 8, 1e-4, 3
+#: Share by which inner products of a turn with itself are lifted where turns are mixed.
+RIDGE = 1e-4
+#: Newton's steps where turns do not settle, shares of a step that are tried, what is left when they end; what gmres leaves of each, and
+#: takes.
+CLOSER, SHARES, CLOSE = 4, (1.0, 0.5, 0.25), 1e-4
+LEFT, KRYLOV, RESTARTS = 1e-2, 60, 4
+#: Steps to the velocity at which a law has a force, each along a tangent as wide as this share of the velocities.
+TANGENTS, TANGENT = 12, 1e-6
+#: Share of the largest torque to which that force is found.
+MET = 1e-9
+#: Samples that are not there yet are looked at alone when they are less than this share.
+FEWER, EVERYWHERE = 0.7, slice(None)
+
+#: Friction at some k of the samples: its force [k] by the velocity [k] there.
+Where = NDArray[np.int64] | slice
+Friction = Callable[[Where], Callable[[Array], Array]]
+
+
+def told_by(x: Array, samples: int) -> Array:
+    """A period x [S] told by so many samples."""
+    S = len(x)
+    return x if S == samples else np.interp(np.arange(samples) * (S / samples), np.arange(S), x, period=S)
+
+
+def balanced(scene: Scene, friction: Callable[[Array], Array], v0: Complex, Y: Complex) -> Array:
+    """The velocity [S] v = v0 - Y friction(v), the best line through friction and velocity in friction's place: right for a
+    joint that sticks."""
+    v = scene.in_time(v0[:, None])[:, 0]
+    for _ in range(BALANCES):
+        slope = float(friction(v) @ v) / max(float(v @ v), 1e-300)
+        v = scene.in_time((v0 / (1.0 + Y * slope))[:, None])[:, 0]
+    return v
+
+
+def in_turns(
+    scene: Scene,
+    friction: Friction,
+    g: float,
+    v0: Complex,
+    Y: Complex,
+    starts: Sequence[Array],
+    turns: int,
+    reach: float = 0.0,
+    driven: Complex | None = None,
+) -> tuple[Force, Array, Slid]:
+    """The force of `friction` where v = v0 - Y friction(v), from the w = friction(v) + g v of `starts` that a turn changes
+    least; the slope of friction [S] there; v and friction. Friction is against velocities beyond `reach`.
+
+    Friction has harmonics beyond the lines; there the port is what it is at the last line, a mass.
+    """
+    S = scene.samples
+    harmonics = np.arange(S // 2 + 1)
+    beyond = harmonics > scene.lines[-1]
+    alone, gives = np.zeros((2, len(harmonics)), dtype=complex)
+    alone[scene.lines], gives[scene.lines] = v0 * (S / 2), Y
+    gives[beyond] = Y[-1] * scene.lines[-1] / harmonics[beyond]
+    if driven is not None:
+        alone += gives * driven * (S / 2)
+    v, slope, force = starts[0] / g, np.zeros(S), np.zeros_like(alone)
+
+    def turn(w: Array) -> Array:
+        """By how much w changes."""
+        nonlocal v, slope, force
+        v, slope = _met(friction, g, w, v, reach)
+        f = w - g * v
+        left = np.fft.rfft(f - g * v)
+        v_lines = (alone - gives * left) / (1.0 + g * gives)
+        force = left + g * v_lines
+        force[0] = f.sum()
+        v_lines[0] = 0.0  # a constant torque moves nothing for ever: what is needed is there
+        return np.asarray(np.fft.irfft(force + g * v_lines, S) - w)
+
+    turned = [(turn(w), w) for w in starts]
+    change, w = min(turned, key=lambda one: norm(one[0]) / (norm(one[0] + one[1]) + 1e-300))
+    w = w + change
+    w, settled = _mixed(turn, w, turns, SLID * float(norm(w)))
+    f = w - g * v
+    if not settled and turns >= TURNS:
+        v, f, slope = _closer(friction(EVERYWHERE), np.fft.irfft(alone, S), gives, v, slope)
+        force = np.fft.rfft(f)
+    there = Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S)
+    return there, slope, (v.astype(np.float32), f.astype(np.float32))
+
+
+def _closer(
+    friction: Callable[[Array], Array], alone: Array, gives: Complex, v: Array, slope: Array
+) -> tuple[Array, Array, Array]:
+    """Velocity [S], `friction` and its slope there, closer to where v = alone - gives friction(v), [S] and [S/2 + 1] by harmonics,
+    from v and `slope` near it: Newton's steps."""
+
+    def yielded(force: Array) -> Array:
+        return np.fft.irfft(gives * np.fft.rfft(force), len(v))
+
+    def missing(v: Array) -> tuple[Array, Array]:
+        force = friction(v)
+        return force, v - alone + yielded(force)
+
+    f, left = missing(v)
+    for _ in range(CLOSER):
+        step = _along_tangent(yielded, slope, left)
+        for share in SHARES:
+            there = v - share * step
+            f_there, left_there = missing(there)
+            if norm(left_there) < (1.0 - 0.5 * share) * norm(left):
+                break
+        else:
+            break
+        v, f, left, slope = there, f_there, left_there, _slope(friction, there, f_there)
+        if norm(left) < CLOSE * norm(v):
+            break
+    return v, f, slope
+
+
+def _along_tangent(yielded: Callable[[Array], Array], slope: Array, left: Array) -> Array:
+    """The step u [S] that takes `left` away: u + yielded(slope u) = left."""
+    S = len(left)
+    whole = LinearOperator((S, S), matvec=lambda u: u + yielded(slope * u))
+    return np.asarray(gmres(whole, left, rtol=LEFT, restart=KRYLOV, maxiter=RESTARTS)[0])
+
+
+def _slope(friction: Callable[[Array], Array], v: Array, f: Array) -> Array:
+    h = TANGENT * float(np.abs(v).max() + 1e-300)
+    return (friction(v + h) - f) / h
+
+
+def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) -> tuple[Array, bool]:
+    """Turns from w [S], each from where the last ones, mixed, seem to lead (D. G. Anderson, J. ACM 12 (1965), DOI
+    10.1145/321296.321305), until one changes w by `enough` or less; returns the w of the last, and whether one does.
+
+    As scipy.optimize.anderson does, which takes all inner products of what it remembers anew at every turn: three times as long
+    as the turn itself.
+    """
+    changes, leads = np.zeros((2, MEMORY, len(w)))  # of the change, and of where it led, from one turn to the next
+    products = np.zeros((MEMORY, MEMORY))
+    change = turn(w)
+    for k in range(turns):
+        if not norm(change) > enough:  # or no number
+            return w, True
+        seen = min(k, MEMORY)
+        mixed = change.copy()
+        if seen:
+            lifted = products[:seen, :seen] + RIDGE * np.diag(np.diag(products)[:seen])
+            mixed -= np.linalg.lstsq(lifted, changes[:seen] @ change, rcond=None)[0] @ leads[:seen]
+        w = w + mixed
+        before, change = change, turn(w)
+        now = k % MEMORY
+        changes[now] = change - before
+        leads[now] = mixed + changes[now]
+        products[now] = products[:, now] = changes @ changes[now]
+    return w, False
+
+
+def _met(friction: Friction, g: float, w: Array, v: Array, reach: float) -> tuple[Array, Array]:
+    """Velocities [S] where friction(v) + g v = w, from `v`, and the slope of friction there; Newton's steps, kept in a bracket:
+    friction is against v beyond `reach`. Only where it is not met yet are more made."""
+    low, high = np.minimum(w / g, -reach), np.maximum(w / g, reach)
+    v = np.clip(v, low, high)
+    h = TANGENT * float(np.abs(v).max() + 1e-300)
+    small = MET * float(np.abs(w).max())
+    slope = np.zeros_like(w)
+    where: Where = EVERYWHERE
+    for _ in range(TANGENTS):
+        at, lowest, highest, force = v[where], low[where], high[where], friction(where)
+        f = force(at)
+        error = f + g * at - w[where]
+        low[where] = lowest = np.where(error < 0.0, at, lowest)
+        high[where] = highest = np.where(error > 0.0, at, highest)
+        slope[where] = tangent = (force(at + h) - f) / h
+        step = at - error / np.maximum(tangent + g, 1e-3 * g)
+        inside = (step > lowest) & (step < highest)
+        v[where] = np.where(inside, step, 0.5 * (lowest + highest))
+        far = np.flatnonzero(np.abs(error) >= small)
+        if not len(far):
+            break
+        if len(far) < FEWER * len(w):
+            where = far if isinstance(where, slice) else where[far]
+    return v, slope
