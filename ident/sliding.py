@@ -187,7 +187,7 @@ def _met(friction: Friction, g: float, w: Array, v: Array, reach: float) -> tupl
         high[where] = highest = np.where(error > 0.0, at, highest)
         slope[where] = tangent = (force(at + h) - f) / h
         step = at - error / np.maximum(tangent + g, 1e-3 * g)
-        inside = (step > lowest) & (step < highest)
+        inside = (step >= lowest) & (step <= highest)  # it may be there already
         v[where] = np.where(inside, step, 0.5 * (lowest + highest))
         far = np.flatnonzero(np.abs(error) >= small)
         if not len(far):

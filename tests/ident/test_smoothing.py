@@ -21,7 +21,7 @@ from ident.effects.spring import Backlash, SpringHardening
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.scene import Scene
-from ident.sliding import TURNS, in_turns
+from ident.sliding import TURNS, _met, in_turns
 from ident.smoothing import _by_instants
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
@@ -77,6 +77,15 @@ def test_true_parameters_explain_a_record_with_the_motion_they_make(
 def test_play_that_rattles_is_found_by_marching() -> None:
     """Turns around the period do not settle there: 55 times the noise is left of this record without."""
     assert levels(Backlash(0, (1.2e-4,)), "joint1", (0.0, 1.57, 0.0))[1] < 5.0
+
+
+def test_a_velocity_at_which_friction_is_met_already_stays() -> None:
+    """Where only rounding is left it is an end of its bracket; a bracket without its ends would send it to the middle."""
+    v, g, slope = np.linspace(-1e-3, 1e-3, 400), 3.0, 10.0
+    w = np.nextafter((slope + g) * v, np.inf)
+    found, tangent = _met(lambda where: lambda x: slope * x, g, w, v, 0.05)
+    assert np.abs(found - v).max() < 1e-9
+    assert tangent == pytest.approx(slope, rel=1e-4)
 
 
 def test_the_force_of_friction_is_met_at_one_place_however_it_is_damped() -> None:
