@@ -81,9 +81,10 @@ def test_play_that_rattles_is_found_by_marching() -> None:
 
 def test_a_velocity_at_which_friction_is_met_already_stays() -> None:
     """Where only rounding is left it is an end of its bracket; a bracket without its ends would send it to the middle."""
-    v, g, slope = np.linspace(-1e-3, 1e-3, 400), 3.0, 10.0
-    w = np.nextafter((slope + g) * v, np.inf)
-    found, tangent = _met(lambda where: lambda x: slope * x, g, w, v, 0.05)
+    rng = np.random.default_rng(0)
+    v, more, g, slope = *rng.normal(0.0, 1e-4, (2, 5000)), 3.0, 10.0
+    w = np.nextafter(slope * v + more + g * v, np.inf)
+    found, tangent = _met(lambda where: lambda x: slope * x + more[where], g, w, v, 0.05)
     assert np.abs(found - v).max() < 1e-9
     assert tangent == pytest.approx(slope, rel=1e-4)
 
