@@ -3,8 +3,8 @@
     python mujoco_sysid.py RECORDS.npz OUT.json
 
 RECORDS.npz: `xml` of the declared elastic arm (motor joints "motor<i>", springs "spring<i>", bodies "link<i>"), `rest` [R, 2n]
-joint angles at the start, `ctrl` [R, T, n] motor torques held between samples, `theta` [R, T, n] motor angles, joint side. What
-is fitted: of every joint armature, stiffness and both dampings, of every body mass, lever arm and principal moments.
+joint angles at the start, `ctrl` [R, T, a] what the actuators are told, held between samples: torques [n], where motors are guided
+angles and velocities, too, `theta` [R, T, n] motor angles, joint side. What is fitted: of every joint armature, stiffness and both dampings, of every body mass, lever arm and principal moments.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
-#: Everything may end off its start by this factor.
-REACH = 5.0
+#: Everything may end off its start by this factor: what CAD and datasheets are right to, with room.
+REACH = 2.0
 MOST_ITERATIONS = 30
 
 
@@ -53,7 +53,7 @@ def main(records: str, out: str) -> None:
     given = np.load(records)
     spec = mujoco.MjSpec.from_string(str(given["xml"]))
     model = spec.compile()
-    R, T, n = given["ctrl"].shape
+    R, T, n = given["theta"].shape
     t = np.arange(T) * model.opt.timestep
     states, controls, sensors = [], [], []
     for rest, ctrl, theta in zip(given["rest"], given["ctrl"], given["theta"], strict=True):
@@ -66,9 +66,10 @@ def main(records: str, out: str) -> None:
     found, result = sysid.optimize(
         initial_params=parameters(spec, n),
         residual_fn=residual,
-        optimizer="mujoco",
+        optimizer="scipy_parallel_fd",
         verbose=False,
         max_iters=MOST_ITERATIONS,
+        x_scale="jac",
     )
     seconds = time.perf_counter() - begin
     made = sysid.apply_param_modifiers_spec(found, spec)
