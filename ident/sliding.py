@@ -20,9 +20,9 @@ from ident.scene import Scene
 TURNS, MEMORY, SLID, BALANCES = 60, 8, 1e-4, 3
 #: Share by which inner products of a turn with itself are lifted where turns are mixed.
 RIDGE = 1e-4
-#: Newton's steps where turns do not settle, shares of a step that are tried, what is left when they end; what gmres leaves of each, and
-#: takes.
-CLOSER, SHARES, CLOSE = 4, (1.0, 0.5, 0.25), 1e-4
+#: Share by which turns change that are near to settle and do not; Newton's steps from there, shares of a step that are tried, what is
+#: left when they end; what gmres leaves of each, and takes.
+NEARLY, CLOSER, SHARES, CLOSE = 0.1, 4, (1.0, 0.5, 0.25), 1e-4
 LEFT, KRYLOV, RESTARTS = 1e-2, 60, 4
 #: Steps to the velocity at which a law has a force, each along a tangent as wide as this share of the velocities.
 TANGENTS, TANGENT = 12, 1e-6
@@ -93,9 +93,9 @@ def in_turns(
     turned = [(turn(w), w) for w in starts]
     change, w = min(turned, key=lambda one: norm(one[0]) / (norm(one[0] + one[1]) + 1e-300))
     w = w + change
-    w, settled = _mixed(turn, w, turns, SLID * float(norm(w)))
+    w, left = _mixed(turn, w, turns, SLID * float(norm(w)))
     f = w - g * v
-    if not settled and turns >= TURNS:
+    if turns >= TURNS and SLID < left < NEARLY:
         v, f, slope = _closer(friction(EVERYWHERE), np.fft.irfft(alone, S), gives, v, slope)
         force = np.fft.rfft(f)
     there = Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S)
@@ -143,9 +143,9 @@ def _slope(friction: Callable[[Array], Array], v: Array, f: Array) -> Array:
     return (friction(v + h) - f) / h
 
 
-def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) -> tuple[Array, bool]:
+def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) -> tuple[Array, float]:
     """Turns from w [S], each from where the last ones, mixed, seem to lead (D. G. Anderson, J. ACM 12 (1965), DOI
-    10.1145/321296.321305), until one changes w by `enough` or less; returns the w of the last, and whether one does.
+    10.1145/321296.321305), until one changes w by `enough` or less; returns the w of the last, and the share by which that changes.
 
     As scipy.optimize.anderson does, which takes all inner products of what it remembers anew at every turn: three times as long
     as the turn itself.
@@ -155,7 +155,7 @@ def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) 
     change = turn(w)
     for k in range(turns):
         if not norm(change) > enough:  # or no number
-            return w, True
+            break
         seen = min(k, MEMORY)
         mixed = change.copy()
         if seen:
@@ -167,7 +167,7 @@ def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) 
         changes[now] = change - before
         leads[now] = mixed + changes[now]
         products[now] = products[:, now] = changes @ changes[now]
-    return w, False
+    return w, float(norm(change) / (norm(w) + 1e-300))
 
 
 def _met(friction: Friction, g: float, w: Array, v: Array, reach: float) -> tuple[Array, Array]:
