@@ -71,7 +71,7 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
     usable = np.zeros(len(band.lines), dtype=bool)
     usable[np.flatnonzero(band.excited)[frf.usable]] = True
     use = {"usable": usable, "excited": band.excited, "every": np.ones_like(usable)}[lines]
-    arm = posture_at(campaign, model, basis, live, frf.posture)
+    arm, record = posture_at(campaign, model, basis, live, frf.posture), campaign.records[index]
     samples = band.noise[:, use][:, :, np.concatenate([live, frf.n + live])]
     floors = np.stack([ROUNDING * np.abs(band.tau[:, live]).max(axis=0), np.sqrt(frf.floor[live])]) + 1e-300
     errors = np.sqrt(np.mean(np.abs(samples) ** 2, axis=(0, 1))).reshape(2, -1)
@@ -90,9 +90,7 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
         N=campaign.N,
         beyond=(band.beyond[0], band.beyond[1][:, live], band.beyond[2][:, live]),
         slopes=_slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
-        kept=campaign.records[index].theta[-frf.periods * campaign.records[index].samples_per_period :]
-        if lines == "every"
-        else None,
+        kept=record.theta[-frf.periods * record.samples_per_period :] if lines == "every" else None,
         chain=model.chain,
         gravity=campaign.gravity,
     )

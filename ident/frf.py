@@ -222,7 +222,7 @@ def _beyond(kept: Array, M: int, band: NDArray[np.int64]) -> tuple[NDArray[np.in
     S, n = len(kept) // M, kept.shape[1] // 2
     below, above = np.arange(1, band[0]), np.arange(band[-1] + 1, max(int(band[-1]), int(HIGHEST * S)) + 1)
     lines = np.concatenate([below, above])
-    spectrum = between_lines(kept, M, lines)[0]
+    spectrum = between_lines(kept, M, lines)[0] if lines.size else np.zeros((0, 2 * n), dtype=complex)
     return lines, _fixed(spectrum[:, :n]), _fixed(spectrum[:, n:])
 
 

@@ -62,6 +62,8 @@ class Scene:
     def wide(self) -> Scene:
         """The same record at all lines, in their order."""
         lines, tau, theta = self.beyond
+        if not len(lines):
+            return self
         whole = np.concatenate([self.lines, lines])
         order = np.argsort(whole)
         return replace(

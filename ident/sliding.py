@@ -139,8 +139,14 @@ def _along_tangent(yielded: Callable[[Array], Array], slope: Array, left: Array)
 
 
 def _slope(friction: Callable[[Array], Array], v: Array, f: Array) -> Array:
-    h = TANGENT * float(np.abs(v).max() + 1e-300)
+    """The slope of `friction` [S] at velocities v, where it is f."""
+    h = _tangent(v)
     return (friction(v + h) - f) / h
+
+
+def _tangent(v: Array) -> float:
+    """How wide a tangent is, of a law at velocities v."""
+    return TANGENT * float(np.abs(v).max() + 1e-300)
 
 
 def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) -> tuple[Array, float]:
@@ -175,7 +181,7 @@ def _met(friction: Friction, g: float, w: Array, v: Array, reach: float) -> tupl
     friction is against v beyond `reach`. Only where it is not met yet are more made."""
     low, high = np.minimum(w / g, -reach), np.maximum(w / g, reach)
     v = np.clip(v, low, high)
-    h = TANGENT * float(np.abs(v).max() + 1e-300)
+    h = _tangent(v)
     small = MET * float(np.abs(w).max())
     slope = np.zeros_like(w)
     where: Where = EVERYWHERE

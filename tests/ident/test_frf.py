@@ -236,6 +236,11 @@ def test_a_drifting_mean_does_not_reach_the_lines_beyond_the_band():
     assert np.max(np.abs(theta - still.beyond[2]) / jump) < 0.01
 
 
+def test_a_band_of_all_lines_leaves_none_beyond_it():
+    band = estimate(record(JOINT, 0, gains=SOFT, lines=np.arange(1, 4501), periods=3), campaign(JOINT)).band
+    assert [part.shape for part in band.beyond] == [(0,), (0, 1), (0, 1)]
+
+
 def broken(field, value):
     made = record(JOINT, 0, gains=SOFT, periods=2)
     return replace(made, **{field: value(made)})
