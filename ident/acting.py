@@ -38,7 +38,7 @@ Slid = tuple[Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """How an arm moved in a record, and the rigid-body forces of second order that follow, joint side, at all its lines.
+    """How an arm moved in a record, and the rigid-body forces of second order that follow, joint side, at its lines [L, m].
 
     Where the motion was found together with forces: these, `found` at the lines [L], and in time of the motion alone, `base` [S].
     `springy` are the positions [S] at ports whose force follows from them, `rubbing` the velocities at those with dry friction:
@@ -67,25 +67,25 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str =
     if scene.slopes is None and not any(has_forces(e) for e in effects) and not doubted:
         return None
     forceful = [e for e in effects if has_forces(e)]
-    wide = scene.wide if forceful or doubted else replace(scene.wide, oversampled=OF_PRODUCTS)
+    wide = scene.wide if forceful or doubted else scene
+    inside = np.isin(wide.lines, scene.lines)
     linear = linear_extra(wide, p, effects)
     doubts = {
         port: np.full(len(scene.arm.live), DOUBT if port == doubted else 0.0) for port in ("motor", "spring", "link")
     }
     for e in forceful:
         doubts[e.port if e.port in doubts else "link"][scene.arm.live == e.joint] = DOUBT
-    on = _nothing(wide)
-    motion = _motion(wide, p, linear, on, doubts)
+    on, second = _nothing(wide), None
+    motion, links = _motion(wide, p, linear, on, doubts)
     for _ in range(PASSES if forceful else 1):
         now = signals(wide, effects, motion)
         on = _forces(wide, now, Moved(motion, None))
-        second = None
         if scene.slopes is not None:
-            second = _second_order(wide, p, effects, motion)
-            on["link"] += second
+            second = _second_order(scene, p, effects, links[inside])
+            on["link"][inside] += second
         if forceful:
             misread = {k: float(error.mean()) for (port, k), error in now.items() if port == "reading"}
-            motion = _motion(wide.misread(misread), p, linear, on, doubts)
+            motion, links = _motion(wide.misread(misread), p, linear, on, doubts)
     return Moved(motion, second)
 
 
@@ -96,7 +96,7 @@ def acting(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Moved | 
         return linear
     on, linear = _along_lines(scene, linear, signals(scene, effects, how.motion), how)
     if how.second is not None:
-        on["link"] += how.second[np.isin(scene.wide.lines, scene.lines)]
+        on["link"] += how.second
     return _with_forces(linear, on)
 
 
@@ -210,8 +210,9 @@ def _forces(scene: Scene, now: Mapping[tuple[str, int], Array], how: Moved) -> d
 
 def _motion(
     scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex], doubts: Mapping[str, Array]
-) -> Motion:
-    """The motion of all joints, from the measured angles and torques under the forces found so far (joint side)."""
+) -> tuple[Motion, Complex]:
+    """The motion of all joints and the angles [L, m] of the links, from the measured angles and torques under the forces found so far
+    (joint side)."""
     arm, live, s = scene.arm, scene.arm.live, scene.s[:, None]
     N, m = arm.N, len(live)
     theta = scene.theta - on["reading"]
@@ -252,7 +253,7 @@ def _motion(
     by_links = (links @ q[..., None])[..., 0] - by_link
     spring = np.asarray((a * by_motor + b * (by_spring - K * q) + c * by_links) / total, dtype=complex)
 
-    return motion_of(scene, p, theta, tau, q, spring, scene.N * scene.means[0], np.zeros(scene.n))
+    return motion_of(scene, p, theta, tau, q, spring, scene.N * scene.means[0], np.zeros(scene.n)), q
 
 
 def motion_of(
@@ -299,15 +300,13 @@ def _diagonal(values: Complex) -> Complex:
     return np.asarray(values[..., None] * np.eye(values.shape[1]))
 
 
-def _second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], moved: Motion) -> Complex:
-    """Forces [L, m] on the links of second order in the motion: Coriolis, centrifugal, what J and gravity change by, and what
-    comes back from a structure that gives."""
+def _second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], links: Complex) -> Complex:
+    """Forces [L, m] on the links of second order in their angles [L, m]: Coriolis, centrifugal, what J and gravity change by, and
+    what comes back from a structure that gives."""
+    scene, live = replace(scene.narrow, oversampled=OF_PRODUCTS), scene.arm.live
     assert scene.slopes is not None
-    live = scene.arm.live
     dJ, dK = scene.slopes[0] @ p.alpha, scene.slopes[1] @ p.gravity  # [k, i, j]
-    q, v = moved.of("q", live), moved.of("q_rate", live)
-    q = q - q.mean(axis=0)
-    a = scene.in_time(scene.s[:, None] * scene.at_lines(v))
+    q, v, a = (scene.in_time(scene.s[:, None] ** order * links) for order in range(3))
     force = scene.at_lines(of_second_order(dJ, dK, q, v, a))
     giving = [e for e in effects if overrides(e, "second_order")]
     if giving:

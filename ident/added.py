@@ -136,11 +136,7 @@ def renamed(
     `first` as in `_round`."""
     less = without(bench, state, curve)
     lin = linearised(less.problem, less.minimum.vector)
-    names = [
-        c
-        for c in catalogue(lin, less.effects, bench.workers)
-        if (c.effect.joint, c.effect.port) == (curve.joint, curve.port)
-    ]
+    names = catalogue(lin, less.effects, bench.workers, at=(curve.port, curve.joint))
     progress(f"without {told(curve)}: {excess(bench, less):.4g}")
     dof = degrees(bench.split.select)
     limit = max(state.select + max(LEAST_GAIN, ALIKE * (state.select - dof)), NAMED * dof)

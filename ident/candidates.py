@@ -134,8 +134,10 @@ def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
     return total
 
 
-def catalogue(lin: Linearised, taken: Sequence[Effect], workers: int = 1) -> list[Candidate]:
-    """All effects of the catalogue that the fitted arm does not contain yet, at all joints, best first."""
+def catalogue(
+    lin: Linearised, taken: Sequence[Effect], workers: int = 1, at: tuple[str, int | None] | None = None
+) -> list[Candidate]:
+    """All effects of the catalogue that the fitted arm does not contain yet, best first: at all joints, or `at` a port and joint."""
     there = {(e.name, e.joint) for e in taken}
     tasks: list[tuple[type[Effect], int | None]] = []
     for kind in CATALOGUE.values():
@@ -143,6 +145,7 @@ def catalogue(lin: Linearised, taken: Sequence[Effect], workers: int = 1) -> lis
             continue
         places: list[int | None] = list(range(lin.problem.n)) if "joint" in kind.scope else []
         places += [None] if "arm" in kind.scope and lin.problem.n > 1 else []
+        places = [joint for joint in places if at is None or at == (kind.port, joint)]
         tasks += [(kind, joint) for joint in places if (kind.name, joint) not in there]
     lin.prepare()
     found = [c for c in forked(lambda task: best_of(lin, *task), tasks, workers) if c is not None]

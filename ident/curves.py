@@ -16,7 +16,10 @@ from ident.trace import Linearised
 from symgen.forked import forked
 
 #: Knots of a learned curve: many where each record covers all of it, few for a position, of which records see parts.
-KNOTS = {"velocity": 17, "torque": 17, "deflection": 17, "position": 9, "friction": 9}
+KNOTS = {"velocity": 13, "torque": 17, "deflection": 17, "position": 9, "friction": 9}
+#: Those of a velocity about standstill, where what rubs changes most, as shares of the highest; times the last of these beyond which
+#: the others begin.
+RESTING, BEGIN = (0.001, 0.004, 0.012, 0.035), 1.6
 #: Highest order [per rad of the motor] of a wave of a curve that repeats itself, its harmonics; at how many places such curves
 #: are looked for, peaks there, harmonics that a peak may be, and whole parts
 #: of a turn that are tried: one is preferred that does this share of what others do.
@@ -65,6 +68,9 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     spread: Array = np.quantile(x, np.linspace(0.0, 1.0, count))
     even = np.linspace(low, high, count)
     knots = np.sort(0.5 * (spread + even))
+    if name == "velocity":
+        about = np.outer([-1.0, 1.0], RESTING).ravel() * np.abs(x).max()
+        knots = np.sort(np.concatenate([knots[np.abs(knots) > BEGIN * about.max()], about]))
     if np.any(np.diff(knots) <= 1e-9 * (high - low)):
         knots = even
     return learned(port, name, knots.tolist()), joint

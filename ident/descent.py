@@ -38,13 +38,14 @@ LOST = 0.8
 @dataclass(frozen=True)
 class Minimum:
     """Where a fit ended: `vector` [P], `information` [P, P] per step of `scale` there, chi^2, whether it converged, and where
-    dry friction was found, by record."""
+    dry friction was found, by record. Its weights and motions are those of `weighed`, a vector and its chi^2."""
 
     vector: Array
     information: Array
     chi2: float
     converged: bool
     slid: Slides = field(default_factory=dict)
+    weighed: tuple[Array, float] | None = None
 
 
 def minimise(
@@ -76,8 +77,8 @@ class _Place:
         self.vector, self.damping = vector, min(self.damping, 1e-3)
         self.chi2, self.slope, self.information = sums.equations(vector)
 
-    def at(self, sums: Sums, converged: bool) -> Minimum:
-        return Minimum(self.vector, self.information, self.chi2, converged, sums.slid)
+    def at(self, sums: Sums, converged: bool, weighed: tuple[Array, float] | None = None) -> Minimum:
+        return Minimum(self.vector, self.information, self.chi2, converged, sums.slid, weighed)
 
 
 def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, roughly: float) -> Minimum:
@@ -109,7 +110,7 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
             shifted = np.zeros(P) if further else shift
     if best is not None and not converged and best.chi2 < LOST * begun:
         return best
-    return place.at(sums, converged)
+    return place.at(sums, converged, (begin, begun))
 
 
 def _descended(sums: Sums, place: _Place, least: float, steps: int) -> bool:

@@ -71,7 +71,7 @@ class LikelyMotion:
     def of(
         scene: Scene, p: Parameters, effects: Sequence[Effect], second: Complex | None, sampling: Sampling, powers: Powers
     ) -> LikelyMotion:  # fmt: skip
-        """The motion of a record, `second` its rigid-body forces of second order at all lines [L, m]."""
+        """The motion of a record, `second` its rigid-body forces of second order at the lines of the band [L, m]."""
         wide, arm = scene.wide, scene.arm
         linear = linear_extra(wide, p, effects)
         on_motor, on_link = transfer(arm, p, wide.s, linear)
@@ -80,10 +80,12 @@ class LikelyMotion:
         G = response(arm, p, replace(sampling, f=wide.f0 * wide.lines), linear)
         of_model = replace(powers, G=G).of_model()
         certainty = np.asarray(np.linalg.inv(of_model + np.diag(powers.angle.max(axis=0))), dtype=complex)
-        second = np.zeros_like(wide.theta) if second is None else second
+        inside = np.isin(wide.lines, scene.lines)
+        rigid = np.zeros_like(wide.theta)
+        rigid[inside] = 0.0 if second is None else second
         return LikelyMotion(
-            wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), linear.angle_gain, second,
-            np.isin(wide.lines, scene.lines), certainty, of_model @ certainty, tuple(effects),
+            wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), linear.angle_gain, rigid,
+            inside, certainty, of_model @ certainty, tuple(effects),
         )  # fmt: skip
 
     def predicted(self, on: Forces) -> tuple[Complex, Complex, Complex]:

@@ -20,6 +20,8 @@ from ident.scene import known
 LEAST_GAIN = 40.0
 #: chi^2 per degree of freedom above which a name leaves something for a curve to explain.
 NAMED = 1.1
+#: Share of itself to which a fit makes chi^2 fall that goes on.
+FALLING = 0.8
 #: Sizes, of what it is, from where what forces is tried again.
 ELSEWHERE = (0.7, 0.85, 1.1, 1.2, 1.35)
 #: And stiffnesses from where an impedance that was chosen is fitted again.
@@ -81,10 +83,11 @@ def _carrying(bench: Bench, state: State) -> State:
 
 
 def _closely(bench: Bench, refit: Refit, left: float) -> State:
-    """The model at its minimum; not so closely where it leaves far more than noise, before, `left`, and there."""
-    if left > BY_ALL:
+    """The model at its minimum; not so closely where it leaves far more than noise, before, `left`, and once that no longer falls."""
+    while left > BY_ALL:
         state = fitted(bench, refit)
-        if excess(bench, state) > BY_ALL:
+        before, left = left, excess(bench, state)
+        if left > max(BY_ALL, FALLING * before):
             return state
         refit = Refit.of(state)
     return fitted(bench, replace(refit, outer=FULLY, roughly=FAINTLY))

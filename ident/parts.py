@@ -18,6 +18,8 @@ LEVERAGE = 3.0
 BLOCK = 3
 #: Aliases a side computed one by one where few lines of a record do.
 ROUGHLY_NEAR = 2
+#: Times the band up to which dry friction moves a joint where few samples do.
+ROUGHLY_BEYOND = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +128,11 @@ def few_lines(one: Evidence, most: int) -> Evidence:
 
 
 def sampled(one: Evidence, samples: int) -> Evidence:
-    """The same record, forces told by so many samples a line."""
-    return replace(one, scene=replace(one.scene, oversampled=samples))
+    """The same record, forces told by so many samples a line, and by fewer lines beyond the band."""
+    scene = one.scene
+    near = scene.beyond[0] <= ROUGHLY_BEYOND * scene.lines[-1]
+    lines, tau, theta = (x[near] for x in scene.beyond)
+    return replace(one, scene=replace(scene, oversampled=samples, beyond=(lines, tau, theta)))
 
 
 def degrees(data: Sequence[Evidence]) -> int:

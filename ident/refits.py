@@ -30,6 +30,8 @@ FEW_TURNS, FEW_LINES, FEW_RECORDS, FEW_SAMPLES = 15, 250, 20, 6
 #: Lines of a record by which the arm without effects is looked for; by all, and a model at its minimum, where chi^2 per degree of
 #: freedom is less than this.
 FIRST_LINES, BY_ALL = 100, 10.0
+#: Times chi^2 per degree of freedom from which a last descent began that the choosing records then leave where it went astray.
+ASTRAY = 3.0
 #: chi^2 of a height of a learned curve of the size of all, so that one that no record shows stays at nothing.
 UNSEEN_HEIGHT = 1e-4
 
@@ -141,6 +143,11 @@ def fitted(bench: Bench, refit: Refit) -> State:
             problem = replace(problem, slid=minimum.slid)
             chosen = replace(problem, data=select)
             chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
+            if minimum.weighed is not None and chi2 / degrees(select) > ASTRAY * minimum.weighed[1] / degrees(fit):
+                vector, before = minimum.weighed  # the motions held were no longer those of where it went
+                less = chi_squared(chosen, vector, hold(chosen, vector))
+                if less < chi2:
+                    minimum, chi2 = replace(minimum, vector=vector, chi2=before), less
     except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
         nothing = np.zeros((len(refit.vector), len(refit.vector)))
         minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf

@@ -15,7 +15,7 @@ from ident.minima import fully, since, told
 from ident.parts import degrees, sampled
 from ident.refits import BY_ALL, FEW_SAMPLES, FEW_TURNS, FINELY, HASTILY, Bench, State, excess, linearised, without
 from ident.trace import Linearised, port_shares
-from ident.trials import AHEAD, CLOSE, ahead, at_minimum, earned, explains, hasty, outshines, polished, resting
+from ident.trials import AHEAD, CLOSE, ahead, at_minimum, earned, explains, hasty, outshines, plainer, polished, resting
 from symgen.forked import forked
 
 #: Rivals whose errors are told.
@@ -130,9 +130,13 @@ def _best(
         leader = at_minimum(bench, one, progress)
         tried = [leader if other is one else other for other in tried]
         if explains(bench, leader[1], first) or outshines(bench, leader, first):
-            return leader, tried
+            return plainer(bench, leader, progress), tried
     tried = [one for one in polished(bench, tried, first, progress) if not vanished(one[1].effects[-1])]
     best = chosen(bench, tried, state.select)
+    if best is not None and is_curve(best):
+        for name in best_names(tried)[:1]:  # which may do as well at its minimum
+            tried = [(one[0], fully(bench, one[1])) if one is name else one for one in tried]
+        best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best[1].select):
         return None, tried
     alike = [best, *rivals(bench, tried, best)]

@@ -71,6 +71,12 @@ class Scene:
             theta=np.concatenate([self.theta, theta])[order], beyond=(lines[:0], tau[:0], theta[:0]),
         )  # fmt: skip
 
+    @property
+    def narrow(self) -> Scene:
+        """The same record at the lines of the band alone."""
+        lines, tau, theta = self.beyond
+        return replace(self, beyond=(lines[:0], tau[:0], theta[:0]))
+
     def misread(self, errors: Mapping[int, float]) -> Scene:
         """The record where the angles of some live joints (from 0, of those) were read too large by these means [rad]."""
         means = self.means.copy()

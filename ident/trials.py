@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
-from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by
+from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
 from ident.curves import curves
-from ident.effects.base import Effect, Law, only_forces, only_impedance
-from ident.minima import LEAST_GAIN, NAMED, as_declared, elsewhere, fully, told
+from ident.effects.base import Effect, Law, has_forces, only_forces, only_impedance
+from ident.minima import FALLING, LEAST_GAIN, NAMED, as_declared, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
     FINELY,
@@ -35,7 +35,7 @@ EFFORT = 1.5e5
 #: Share of what earns a place that a candidate must promise to be tried once little is left: promises are nearly right there.
 HARDLY = 0.125
 #: Candidates taken over from the declared arm; share of what the best promises from which a force that follows from the motion is
-#: tried where it is so many times as large, too.
+#: tried where it is so many times as large, too; and share of what is left without a force that promises to do as much.
 SURELY, LIKELY, LARGER = 6, 0.5, 1.4
 #: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm first.
 BENT = 100.0
@@ -43,8 +43,8 @@ BENT = 100.0
 AHEAD, LEADING = 0.03, 0.1
 #: A force that a curve leaves so far behind is not looked for where it is some other size, nor names that promised much besides.
 UNLIKELY = 0.1
-#: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 falls to this share go on so many times.
-FINALISTS, FALLING, PATIENCE = 3, 0.7, 4
+#: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 is `FALLING` go on so many times.
+FINALISTS, PATIENCE = 3, 4
 #: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
 PATIENT, STILL = 8, 0.9
 #: How many times the noise the error of a model is that is near.
@@ -330,16 +330,32 @@ def _other_whole(bench: Bench, state: State, progress: Callable[[str], None]) ->
     effect = state.effects[-1]
     if not any(p.whole for p in effect.parameters):
         return state
-    count = len(effect.values)
-    less = bench.problem(state.problem.data, state.effects[:-1], state.scales[:-count], state.limits[:-count])
-    vector = state.minimum.vector[:-count]
-    lin = linearised(less, vector)
-    others = otherwise(lin, effect)
-    plain = replace(state, effects=less.effects, scales=state.scales[:-count], limits=state.limits[:-count])
-    refits = [_with(bench, plain, candidate, lin) for candidate in others]
+    plain, lin = _standing(bench, state)
+    refits = [_with(bench, plain, candidate, lin) for candidate in otherwise(lin, effect)]
     best = min(all_fitted(bench, refits), key=lambda other: other.select, default=state)
     if best.select >= state.select:
         return state
     best = fitted(bench, Refit.of(best))
     progress(f"  otherwise, {told(best.effects[-1])}: {excess(bench, best):.4g}")
     return best if best.select < state.select else state
+
+
+def _standing(bench: Bench, state: State) -> tuple[State, Linearised]:
+    """The model without its last effect, the arm left as it is, and what is linearised there."""
+    count = len(state.effects[-1].values)
+    plain = replace(state, effects=state.effects[:-1], scales=state.scales[:-count], limits=state.limits[:-count])
+    problem = bench.problem(state.problem.data, plain.effects, plain.scales, plain.limits)
+    return plain, linearised(problem, state.minimum.vector[:-count])
+
+
+def plainer(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
+    """A force that was fitted, or one of fewer parameters at its place that does as much: nobody tries that where the other is far
+    ahead of all that promised most."""
+    effect = one[1].effects[-1]
+    if not has_forces(effect) or len(effect.values) < 2:
+        return one
+    plain, lin = _standing(bench, one[1])
+    names = catalogue(lin, plain.effects, bench.workers, at=(effect.port, effect.joint))
+    likely = [c for c in names if len(c.effect.values) < len(effect.values) and c.gain > LIKELY * _left(plain, lin)]
+    tried = [(c, fully(bench, new)) for c, new in refitted(bench, plain, [(c, lin) for c in likely], progress)]
+    return plainest(bench, [one, *tried])

@@ -307,8 +307,9 @@ _OTHERS = ("torque_gain", "angle_gain", "posture", "shares")
 
 
 def has_forces(effect: Effect) -> bool:
-    """Whether an effect needs the motion: a law, a load, an error of the reading."""
-    return overrides(effect, "force", "loads", "reading")
+    """Whether an effect needs the motion: a law that is no impedance, a load, an error of the reading."""
+    by_law = overrides(effect, "force") and not (isinstance(effect, Law) and effect.linear)
+    return by_law or overrides(effect, "loads", "reading")
 
 
 def overrides(effect: Effect, *hooks: str) -> bool:

@@ -22,11 +22,13 @@ from ident.effects.learned import learned
 from ident.effects.motion import State
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
+from ident.minima import told
 from ident.parts import Split
 from ident.periods import spectrum
-from ident.refits import Bench, Refit, first, fitted
+from ident.refits import Bench, Refit, excess, first, fitted
 from ident.refits import State as Fitted
 from ident.trace import Linearised, linearise
+from ident.trials import refitted
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -153,6 +155,14 @@ def test_a_law_that_comes_back_twice_in_what_the_records_cover_is_no_faster_one(
     assert 1.5 < TEETH * np.ptp(x) / (2.0 * np.pi) < 3.0
     kind: type[Effect] = type(curves(lin)[0].effect)
     assert kind.period == pytest.approx(2.0 * np.pi / TEETH)  # type: ignore[attr-defined]
+
+
+def test_a_law_that_is_steepest_at_standstill_is_drawn_to_the_noise() -> None:
+    """With as many knots of a velocity that are spread over all of it 1.3 is left."""
+    law = "root-damper", 1.0
+    (best,) = [c for c in curves(left(*law)) if told(c.effect) == "unknown at joint 2: velocity at the link"]
+    tried = refitted(bench(*law), declared(*law), [(best, left(*law))], lambda line: None)
+    assert excess(bench(*law), fitted(bench(*law), Refit.of(tried[0][1]))) < 1.1
 
 
 @pytest.mark.parametrize(

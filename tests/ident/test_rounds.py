@@ -8,15 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import ident.rounds
 from ident.bench import simulate
 from ident.campaign_model import model_of_campaign
-from ident.candidates import best_of
+from ident.candidates import Candidate, best_of
 from ident.choice import Tried
 from ident.diagnose import Begun, begin
 from ident.effects.catalogue import CATALOGUE, parse
+from ident.effects.learned import learned
 from ident.frf import estimate
+from ident.parts import degrees
 from ident.refits import excess, linearised
-from ident.rounds import _two
+from ident.rounds import _best, _two
 from ident.trials import refitted
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
@@ -71,3 +74,24 @@ def test_none_leads_that_hardly_explains_the_records_that_fit(begun: Begun) -> N
     weak = replace(lead[1], minimum=replace(lead[1].minimum, chi2=0.9 * start.minimum.chi2))
     lin = linearised(start.problem, start.minimum.vector)
     assert _two(begun.bench, start, [(lead[0], weak)], lin, start.select, lambda line: None) is None
+
+
+@pytest.mark.parametrize(("at_minimum", "name"), [(1.0, RINGS), (2000.0, "unknown")])
+def test_a_curve_is_taken_only_where_no_name_does_as_well_at_its_minimum(
+    at_minimum: float, name: str, begun: Begun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A name that far from it leaves a thousand times what the curve does."""
+    bench, (candidate, state) = begun.bench, alone(begun, RINGS)
+    dof = degrees(bench.split.select)
+    curve = learned("link", "velocity", [-1.0, 1.0])(2, (-0.1, 0.1))
+    named = candidate, replace(state, select=1000.0 * dof)
+    drawn = Candidate(curve, 0.0, (1.0, 1.0)), replace(state, effects=(curve,), select=0.99 * dof)
+    tried = [named, drawn]
+    monkeypatch.setattr(ident.rounds, "hasty", lambda *of: iter([tried]))
+    monkeypatch.setattr(ident.rounds, "polished", lambda bench, tried, first, progress: tried)
+    monkeypatch.setattr(
+        ident.rounds, "fully", lambda bench, s: s if s is drawn[1] else replace(s, select=at_minimum * dof)
+    )
+    lin = linearised(begun.start.problem, begun.start.minimum.vector)
+    best, _ = _best(bench, replace(begun.start, select=5000.0 * dof), lin, 5000.0 * dof, lambda line: None, False)
+    assert best is not None and best[0].effect.name == name

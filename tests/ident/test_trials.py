@@ -7,14 +7,15 @@ from typing import Any
 
 import pytest
 
+import ident.choice
 import ident.trials
 from ident.choice import vanished
 from ident.effects.base import Effect
-from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorStribeck
+from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.learned import learned
 from ident.effects.spring import SpringHardening, TransmissionError
 from ident.refits import FINELY, HASTILY
-from ident.trials import _finely, _law_leads, ahead, polished
+from ident.trials import _finely, _law_leads, ahead, plainer, polished
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -93,6 +94,28 @@ def test_what_promised_most_is_fitted_with_another_whole_number(
     monkeypatch.setattr(ident.trials, "_other_whole", lambda bench, state, progress: one(first, 0.94)[1])
     found = polished(BENCH, tried, 1.34 * DOF, lambda line: None)
     assert type(min(found, key=lambda pair: pair[1].select)[1].effects[-1]) is best
+
+
+@pytest.mark.parametrize(("without_peak", "best"), [(0.91, MotorCoulomb), (1.4, MotorStribeck)])
+def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
+    without_peak: float, best: type[Effect], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only what promises to: drag does not."""
+    found = one(MotorStribeck(1, (5e-3, 6e-6, 0.2)), 0.9)
+    likely, unlikely = one(MotorCoulomb(1, (5e-3,)), without_peak), one(MotorQuadraticDrag(1, (1e-5,)), 0.8)
+    likely[0].gain, unlikely[0].gain = 90.0, 20.0
+    refits = {likely[0].effect.name: likely, unlikely[0].effect.name: unlikely}
+    plain = SimpleNamespace(effects=())
+    BENCH.workers = 1
+    monkeypatch.setattr(ident.trials, "_standing", lambda bench, state: (plain, None))
+    monkeypatch.setattr(ident.trials, "_left", lambda state, lin: 100.0)
+    monkeypatch.setattr(ident.trials, "catalogue", lambda *of, at: [likely[0], unlikely[0]])
+    monkeypatch.setattr(
+        ident.trials, "refitted", lambda bench, state, short, _: [refits[c.effect.name] for c, _ in short]
+    )
+    monkeypatch.setattr(ident.trials, "fully", lambda bench, state: state)
+    monkeypatch.setattr(ident.choice, "degrees", lambda data: DOF)
+    assert type(plainer(BENCH, found, lambda line: None)[0].effect) is best
 
 
 def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:

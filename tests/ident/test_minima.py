@@ -1,0 +1,60 @@
+"""A model at its minimum: how long it is fitted on, and where a fit ends that went astray. Numbers of chi^2 alone, no arm."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ident.minima
+import ident.refits
+from ident.descent import Minimum
+from ident.minima import _closely
+from ident.refits import Refit, fitted
+
+BENCH: Any = SimpleNamespace()
+
+
+@pytest.mark.parametrize(
+    ("begins", "falls", "times"),
+    [
+        (186.0, [32.0, 7.0, 0.9], 3),  # friction on its way to its level
+        (186.0, [32.0, 31.0, 30.0], 2),  # no longer on its way
+        (5.0, [0.9], 1),
+    ],
+)
+def test_a_fit_goes_on_while_what_is_left_falls(
+    begins: float, falls: list[float], times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    levels, refits = iter(falls), []
+
+    def fit(bench: Any, refit: Any) -> Any:
+        refits.append(refit)
+        return SimpleNamespace(level=next(levels))
+
+    monkeypatch.setattr(ident.minima, "fitted", fit)
+    monkeypatch.setattr(ident.minima, "excess", lambda bench, state: state.level)
+    monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
+    assert _closely(BENCH, Refit(np.zeros(1), (), (), ()), begins).level == falls[times - 1]  # type: ignore[attr-defined]
+    assert len(refits) == times
+
+
+@pytest.mark.parametrize(("there", "ends"), [(90.0, 1.0), (2.0, 2.0)])
+def test_a_last_descent_whose_motions_no_longer_hold_is_taken_back(
+    there: float, ends: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From where it left 4 it went to where it left 1 of the motions that were held; of its own it leaves so much `there`."""
+    left = {1.0: 5.0, 2.0: there}
+    minimum = Minimum(np.array([2.0]), np.eye(1), 1.0, False, {}, (np.array([1.0]), 4.0))
+    monkeypatch.setattr(ident.refits, "minimise", lambda problem, vector, *how: minimum)
+    monkeypatch.setattr(ident.refits, "degrees", lambda data: 1)
+    monkeypatch.setattr(ident.refits, "sampled", lambda one, samples: one)
+    monkeypatch.setattr(ident.refits, "hold", lambda problem, vector: [])
+    monkeypatch.setattr(ident.refits, "chi_squared", lambda problem, vector, held: left[float(vector[0])])
+    monkeypatch.setattr(ident.refits, "replace", lambda one, **new: SimpleNamespace(**{**vars(one), **new}))
+    problem = SimpleNamespace(effects_at=lambda vector: ())
+    BENCH.split, BENCH.problem = SimpleNamespace(fit=(), select=()), lambda *of: problem
+    state = fitted(BENCH, Refit(np.zeros(1), (), (), ()))
+    assert (state.minimum.vector, state.select) == (ends, left[ends])
