@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ident.arm_fit import Held, hold, residual
 from ident.campaign import Array
+from ident.effects.base import Effect
 from ident.evidence import Evidence
 from ident.refits import Bench, State
 
@@ -52,7 +53,15 @@ class Departure:
 
 @lru_cache(maxsize=8)  # those of one diagnosis: what is kept keeps its records
 def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[Held, ...] = ()) -> Errors:
-    """Relative rms errors of the excited joint's angle at the excited lines of `data`, with motions as `held`, else as the state's."""
+    """Relative rms errors of the excited joint's angle at the excited lines of `data`, with motions as `held`, else as the state's.
+
+    Records are left out that come between the last that fits or chooses before a change and the first after it, if others are left:
+    nothing that was fitted tells whether they have changed.
+    """
+    sure = [not _between(bench, state.effects, one.index) for one in data]
+    if any(sure) and not all(sure):
+        data = tuple(one for one, keep in zip(data, sure, strict=True) if keep)
+        held = tuple(kept for kept, keep in zip(held, sure, strict=True) if keep) if held else ()
     problem = replace(state.problem, data=tuple(data))
     held = held or tuple(hold(problem, state.minimum.vector))
     squares: list[tuple[int, Array, Array, Array]] = []
@@ -79,6 +88,13 @@ def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[H
          if np.any((f >= a) & (f < b))},
         rms(noise[quiet]),
     )  # fmt: skip
+
+
+def _between(bench: Bench, effects: Sequence[Effect], record: int) -> bool:
+    """Whether a record (from 0) comes just before one with which an effect begins, and neither fits nor chooses."""
+    known = {one.index for one in bench.split.fit + bench.split.select}
+    begins = [int(effect["record"]) - 1 for effect in effects if "record" in (p.name for p in effect.parameters)]
+    return any(record < begin and known.isdisjoint(range(record, begin)) for begin in begins)
 
 
 def loud(joints: NDArray[np.int64], noise: Array) -> NDArray[np.bool_]:
