@@ -15,8 +15,10 @@ from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
 from symgen.forked import forked
 
-#: Knots of a learned curve: many where each record covers all of it, few for a position, of which records see parts.
-KNOTS = {"velocity": 13, "torque": 17, "deflection": 17, "position": 9, "friction": 9}
+#: Knots of a learned curve: more where each record covers all of it than for a position, of which records see parts.
+KNOTS = {"velocity": 13, "torque": 17, "deflection": 17, "position": 13, "friction": 13}
+#: Parts of the range of a variable: between the places where the records rest there are some that none covers.
+PARTS = 512
 #: Those of a velocity about standstill, where what rubs changes most, as shares of the highest; times the last of these beyond which
 #: the others begin.
 RESTING, BEGIN = (0.001, 0.004, 0.012, 0.035), 1.6
@@ -55,24 +57,28 @@ def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
 
 
 def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
-    """A learned curve, knots between quantiles of what the records cover and an even spread."""
-    here = [variable(m.state(joint), port, name)[0] for m, one in zip(lin.motions[port], lin.problem.data, strict=True)
-            if joint in one.scene.arm.live]  # fmt: skip
+    """A learned curve, half of its knots where the records are most of the time, half spread evenly over what they cover; a position's
+    in the records that excite the joint: where others hold it, it hardly moves."""
+    live = [(one, m) for one, m in zip(lin.problem.data, lin.motions[port], strict=True) if joint in one.scene.arm.live]
+    placed = port != "spring" and name in ("position", "friction")
+    own = [(one, m) for one, m in live if one.excited == joint and placed]
+    here = [variable(m.state(joint), port, name)[0] for _, m in own or live]
     if not here:
         return None
     x = np.concatenate(here)
-    low, high = np.quantile(x, [0.0, 1.0])
+    low, high = float(x.min()), float(x.max())
     if not high > low:
         return None
-    count = KNOTS["deflection" if port == "spring" and name == "position" else name]
-    spread: Array = np.quantile(x, np.linspace(0.0, 1.0, count))
-    even = np.linspace(low, high, count)
-    knots = np.sort(0.5 * (spread + even))
+    share = np.linspace(0.0, 1.0, KNOTS["deflection" if port == "spring" and name == "position" else name])
+    cells, edges = np.histogram(x, PARTS)
+    covered = np.concatenate([[low], 0.5 * (edges[1:] + edges[:-1])[cells > 0], [high]])
+    both = [np.quantile(of, np.linspace(0.0, 1.0, PARTS), method="nearest") for of in (x, covered)]
+    knots: Array = np.quantile(np.concatenate(both), share, method="nearest")
     if name == "velocity":
         about = np.outer([-1.0, 1.0], RESTING).ravel() * np.abs(x).max()
         knots = np.sort(np.concatenate([knots[np.abs(knots) > BEGIN * about.max()], about]))
     if np.any(np.diff(knots) <= 1e-9 * (high - low)):
-        knots = even
+        knots = np.linspace(low, high, len(knots))
     return learned(port, name, knots.tolist()), joint
 
 

@@ -191,7 +191,7 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
             break
         state, more = step
         added += more
-        if excess(bench, state) > NAMED:  # what was missing has bent the arm: is it the way, or is more missing?
+        if _bent(bench, start, state):  # is what was missing the way, or is more missing?
             state = begun_afresh = afresh(bench, state, progress)
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
@@ -199,12 +199,18 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         state, added = pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:
             state, added = renamed(bench, state, curve, added, start.select, progress)
-    if added and excess(bench, state) > NAMED and state is not begun_afresh:
+    if added and state is not begun_afresh and _bent(bench, start, state):
         state = afresh(bench, state, progress)
     for effect in state.effects[:-1]:  # found while others were missing
         if not explains(bench, state, start.select):
             state = elsewhere(bench, state, effect, progress)
     return state, added
+
+
+def _bent(bench: Bench, start: State, state: State) -> bool:
+    """Whether something is left because what was missing may have bent the arm: a little of what a curve draws always is."""
+    drawn = state.effects[-1].name == "unknown"
+    return excess(bench, state) > NAMED and not (drawn and _little(bench, start, state))
 
 
 def _little(bench: Bench, start: State, state: State) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import diagnosed as by_hand
 import numpy as np
@@ -17,7 +18,7 @@ from ident.campaign import Array, Campaign
 from ident.candidates import catalogue, nearer, otherwise
 from ident.coupled import declared_start
 from ident.departures import groups
-from ident.diagnose import Begun, Diagnosis, _loop, begin, diagnose
+from ident.diagnose import Begun, Diagnosis, _bent, _loop, begin, diagnose
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.learned import learned
 from ident.evidence import evidence, gravity_basis
@@ -153,7 +154,10 @@ def test_what_leaves_a_thousandth_of_what_another_left_is_told_where_it_is_all_t
 
 def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """By stand-ins: a model is what it leaves, per degree of freedom."""
-    start, bent, straight = (SimpleNamespace(select=left, left=left, effects=()) for left in (9.0, 5.0, 1.0))
+    start, bent, straight = (
+        SimpleNamespace(select=left, left=left, effects=(SimpleNamespace(name="link-viscous"),))
+        for left in (9.0, 5.0, 1.0)
+    )
     asked: list[State] = []
 
     def another(bench: Bench, state: State, *_: object) -> tuple[State, list[str]]:
@@ -175,6 +179,24 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(mo
     bench = SimpleNamespace(split=SimpleNamespace(note="by lines"))
     assert _loop(bench, start, lambda line: None) == (straight, ["added"])
     assert asked == [start]
+
+
+@pytest.mark.parametrize(
+    ("name", "left", "little", "bent"),
+    [
+        ("link-viscous", 1.2, True, True),
+        ("unknown", 1.2, True, False),
+        ("unknown", 5.0, False, True),
+        ("unknown", 1.0, True, False),
+    ],
+)
+def test_a_little_of_what_a_curve_draws_is_always_left(
+    name: str, left: float, little: bool, bent: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ident.diagnose.excess", lambda bench, state: state.left)
+    monkeypatch.setattr("ident.diagnose._little", lambda bench, start, state: little)
+    state: Any = SimpleNamespace(left=left, effects=(SimpleNamespace(name=name),))
+    assert _bent(state, state, state) == bent
 
 
 @pytest.mark.bench

@@ -15,7 +15,7 @@ from ident.added import drawn_over, outdone, pruned
 from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.coupled import declared_start
-from ident.curves import curves
+from ident.curves import _shape, curves
 from ident.effects.base import Effect, Law
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import learned
@@ -155,6 +155,17 @@ def test_a_law_that_comes_back_twice_in_what_the_records_cover_is_no_faster_one(
     assert 1.5 < TEETH * np.ptp(x) / (2.0 * np.pi) < 3.0
     kind: type[Effect] = type(curves(lin)[0].effect)
     assert kind.period == pytest.approx(2.0 * np.pi / TEETH)  # type: ignore[attr-defined]
+
+
+def test_a_position_has_its_knots_where_the_records_are() -> None:
+    """Four records of 0.02 rad each, 0.9 rad apart and more: none where nothing is, some in each."""
+    lin = left("root-damper", 1.0)
+    places = [motion.of("q", [JOINT]).ravel() for motion in lin.motions["link"]]
+    shape = _shape(lin, "link", JOINT, "position")
+    assert shape is not None
+    knots = np.array(shape[0].knots)  # type: ignore[attr-defined]
+    covered = [(x.min() - 1e-9 <= knots) & (knots <= x.max() + 1e-9) for x in places]
+    assert np.sum(covered) == len(knots) and np.sum(covered, axis=1).min() >= 2
 
 
 def test_a_law_that_is_steepest_at_standstill_is_drawn_to_the_noise() -> None:
