@@ -15,7 +15,7 @@ from ident.added import drawn_over, outdone, pruned
 from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.coupled import declared_start
-from ident.curves import _shape, curves
+from ident.curves import PARTS, _shape, curves
 from ident.effects.base import Effect, Law
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import learned
@@ -164,7 +164,8 @@ def test_a_position_has_its_knots_where_the_records_are() -> None:
     shape = _shape(lin, "link", JOINT, "position")
     assert shape is not None
     knots = np.array(shape[0].knots)  # type: ignore[attr-defined]
-    covered = [(x.min() - 1e-9 <= knots) & (knots <= x.max() + 1e-9) for x in places]
+    near = np.ptp(np.concatenate(places)) / PARTS
+    covered = [(x.min() - near <= knots) & (knots <= x.max() + near) for x in places]
     assert np.sum(covered) == len(knots) and np.sum(covered, axis=1).min() >= 2
 
 
