@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from ident.arm_fit import Held, hold, residual
 from ident.campaign import Array
 from ident.effects.base import Effect
 from ident.evidence import Evidence
+from ident.parts import Split
 from ident.refits import Bench, State
 
 #: Bands [Hz] in which errors are told, as far as the records reach.
@@ -55,14 +56,12 @@ class Departure:
 def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[Held, ...] = ()) -> Errors:
     """Relative rms errors of the excited joint's angle at the excited lines of `data`, with motions as `held`, else as the state's.
 
-    Records are left out that come between the last that fits or chooses before a change and the first after it, if others are left:
-    nothing that was fitted tells whether they have changed.
+    Of the records those that `told_of` keeps.
     """
-    sure = [not _between(bench, state.effects, one.index) for one in data]
-    if any(sure) and not all(sure):
-        data = tuple(one for one, keep in zip(data, sure, strict=True) if keep)
-        held = tuple(kept for kept, keep in zip(held, sure, strict=True) if keep) if held else ()
-    problem = replace(state.problem, data=tuple(data))
+    told = {one.index for one in told_of(bench.split, state.effects, data)}
+    which = [one.index in told for one in data]
+    data, held = tuple(compress(data, which)), tuple(compress(held, which))
+    problem = replace(state.problem, data=data)
     held = held or tuple(hold(problem, state.minimum.vector))
     squares: list[tuple[int, Array, Array, Array]] = []
     for one, kept in zip(data, held, strict=True):
@@ -90,11 +89,16 @@ def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[H
     )  # fmt: skip
 
 
-def _between(bench: Bench, effects: Sequence[Effect], record: int) -> bool:
-    """Whether a record (from 0) comes just before one with which an effect begins, and neither fits nor chooses."""
-    known = {one.index for one in bench.split.fit + bench.split.select}
+def told_of(split: Split, effects: Sequence[Effect], data: Sequence[Evidence]) -> tuple[Evidence, ...]:
+    """The records but for those between the last that fits or chooses before a change and the first after it, if others are left:
+    nothing that was fitted tells whether they have changed."""
+    known = {one.index for one in split.fit + split.select}
     begins = [int(effect["record"]) - 1 for effect in effects if "record" in (p.name for p in effect.parameters)]
-    return any(record < begin and known.isdisjoint(range(record, begin)) for begin in begins)
+
+    def between(record: int) -> bool:
+        return any(record < begin and known.isdisjoint(range(record, begin)) for begin in begins)
+
+    return tuple(one for one in data if not between(one.index)) or tuple(data)
 
 
 def loud(joints: NDArray[np.int64], noise: Array) -> NDArray[np.bool_]:

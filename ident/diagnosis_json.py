@@ -17,12 +17,13 @@ from ident.choice import LEAST_SHARE
 from ident.confounded import NEVER, Separation, never_told_apart, separation
 from ident.contradicted import Off
 from ident.coupled import degrees_of_freedom, uncertainty
-from ident.departures import Errors
+from ident.departures import Errors, told_of
 from ident.deviations import PORTS as DECLARED_PORTS
 from ident.deviations import SIGMAS
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect
 from ident.effects.learned import Learned
+from ident.evidence import Evidence
 from ident.held_out import carried, held_out, noise_floor, sources
 from ident.links import nearest_links
 from ident.minima import LEAST_GAIN
@@ -54,9 +55,11 @@ def verdict_document(d: Diagnosis, files: Sequence[str | Path], notes: Sequence[
     """
     joints, records = d.campaign.joints, d.campaign.records
     per_joint, per_band = noise_floor(held_out(d), joints)
-    split = {
-        kind: [records[one.index].id for one in getattr(d.split, kind)] for kind in ("fit", "select", "report")
-    } | {"note": d.split.note}
+    reported = told_of(d.split, d.end.effects, d.split.report)
+    kinds = {"fit": d.split.fit, "select": d.split.select, "report": reported}
+    split = {kind: [records[one.index].id for one in those] for kind, those in kinds.items()} | {
+        "note": _note(d, reported)
+    }
     document: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -88,6 +91,17 @@ def verdict_document(d: Diagnosis, files: Sequence[str | Path], notes: Sequence[
     }
     found: dict[str, Any] = plain(document)
     return found
+
+
+def _note(d: Diagnosis, reported: Sequence[Evidence]) -> str:
+    """What there is to say of the three kinds of record."""
+    out = [d.campaign.records[one.index].id for one in d.split.report if one not in reported]
+    left_out = (
+        f"{', '.join(out)} left out: no record that fits or chooses tells whether the arm had changed by then"
+        if out
+        else ""
+    )
+    return "; ".join(filter(None, [d.split.note, left_out]))
 
 
 def result_document(d: Diagnosis) -> dict[str, Any]:
