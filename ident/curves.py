@@ -26,8 +26,9 @@ RESTING, BEGIN = (0.001, 0.004, 0.012, 0.035), 1.6
 #: are looked for, peaks there, harmonics that a peak may be, and whole parts
 #: of a turn that are tried: one is preferred that does this share of what others do.
 HIGHEST, HARMONICS, REPEATING, PEAKS_OF_WAVES, MULTIPLES, WHOLE, AS_WELL = 30.0, 6, 3, 4, 4, 12, 0.9
-#: How often a curve that repeats itself does so in what the records cover, at least.
-AGAIN = 1.5
+#: How often a curve that repeats itself does so in what the records cover, at least; the lowest order of a single wave, and the
+#: orders tried about a peak.
+AGAIN, LONGEST, CLOSER = 1.5, 0.2, 9
 
 
 #: A kind of curve, and the joint it is of.
@@ -96,6 +97,18 @@ def _repeating(lin: Linearised, port: str, joint: int, name: str, seen: Spectrum
     other = best(peak / k for peak in seen.peaks(PEAKS_OF_WAVES) for k in range(1, MULTIPLES + 1))
     one = whole if whole and (other is None or whole.gain > AS_WELL * other.gain) else other
     return [] if one is None else [one]
+
+
+def wave(lin: Linearised, port: str, joint: int, highest: float, workers: int = 1) -> Candidate | None:
+    """The one wave of a position that fits best, of any order up to the `highest` [per rad of the motor], whole in a turn or not."""
+    turns = 1.0 if port == "motor" else float(abs(lin.problem.data[0].scene.N[joint]))
+    seen = spectrum(lin, port, port, joint, highest * turns, LONGEST * turns)
+    if seen is None or not seen.fall.size:
+        return None
+    orders = np.add.outer(seen.peaks(REPEATING), np.linspace(-0.5, 0.5, CLOSER) * seen.resolved).ravel()
+    periods = 2.0 * np.pi / orders[orders >= LONGEST * turns]
+    shapes = [(learned(port, "position", [0.0, p / 3.0, p / 1.5], p), joint) for p in periods.tolist()]
+    return max(_drawn(lin, shapes, workers), key=lambda one: one.gain, default=None)
 
 
 def _drawn(lin: Linearised, shapes: Sequence[Shape], workers: int) -> list[Candidate]:

@@ -15,7 +15,20 @@ from ident.minima import fully, since, told
 from ident.parts import degrees, sampled
 from ident.refits import BY_ALL, FEW_SAMPLES, FEW_TURNS, FINELY, HASTILY, Bench, State, excess, linearised, without
 from ident.trace import Linearised, port_shares
-from ident.trials import AHEAD, CLOSE, ahead, at_minimum, earned, explains, hasty, outshines, plainer, polished, resting
+from ident.trials import (
+    AHEAD,
+    CLOSE,
+    ahead,
+    at_minimum,
+    earned,
+    explains,
+    hasty,
+    of_any_order,
+    outshines,
+    plainer,
+    polished,
+    resting,
+)
 from symgen.forked import forked
 
 #: Rivals whose errors are told.
@@ -130,7 +143,7 @@ def _best(
         leader = at_minimum(bench, one, progress)
         tried = [leader if other is one else other for other in tried]
         if explains(bench, leader[1], first) or outshines(bench, leader, first):
-            return plainer(bench, leader, progress), tried
+            return of_any_order(bench, plainer(bench, leader, progress), progress), tried
     tried = [one for one in polished(bench, tried, first, progress) if not vanished(one[1].effects[-1])]
     best = chosen(bench, tried, state.select)
     if best is not None and is_curve(best):
@@ -143,7 +156,7 @@ def _best(
     closely = [(one[0], fully(bench, one[1])) for one in alike]
     for one in closely[1:]:
         progress(f"  as closely, {told(one[1].effects[-1])}: {one[1].select:.6g} and {closely[0][1].select:.6g}")
-    best = closely[0] if len(closely) == 1 else plainest(bench, closely, 0.0)
+    best = of_any_order(bench, closely[0] if len(closely) == 1 else plainest(bench, closely, 0.0), progress)
     return best, [one for one in tried if all(one is not other for other in alike)] + closely
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
-from ident.curves import curves
+from ident.curves import curves, wave
 from ident.effects.base import Effect, Law, has_forces, only_forces, only_impedance
 from ident.minima import FALLING, LEAST_GAIN, NAMED, as_declared, elsewhere, fully, told
 from ident.parts import degrees
@@ -54,6 +54,8 @@ CLOSE = 3.0
 ENOUGH, REST = 3e-3, 0.2
 #: Share of a small rest that an effect must promise to be tried.
 MOST = 0.5
+#: Orders beyond a whole one up to which another is looked for; chi^2 per degree of freedom that it must leave less.
+NEXT, ANOTHER = 2.0, 0.02
 
 
 def explains(bench: Bench, state: State, first: float, near: float = CLOSE) -> bool:
@@ -359,3 +361,18 @@ def plainer(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
     likely = [c for c in names if len(c.effect.values) < len(effect.values) and c.gain > LIKELY * _left(plain, lin)]
     tried = [(c, fully(bench, new)) for c, new in refitted(bench, plain, [(c, lin) for c in likely], progress)]
     return plainest(bench, [one, *tried])
+
+
+def of_any_order(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
+    """A wave of a whole order in a turn of the motor, near the noise, or one of any order at motor or link that leaves much less: then
+    its name was wrong."""
+    effect = one[1].effects[-1]
+    if all(p.name != "order" for p in effect.parameters) or effect.joint is None or excess(bench, one[1]) > CLOSE:
+        return one
+    plain, lin = _standing(bench, one[1])
+    lin.prepare()
+    waves = [wave(lin, port, effect.joint, effect["order"] + NEXT, bench.workers) for port in ("motor", "link")]
+    tried = refitted(bench, plain, [(c, lin) for c in waves if c is not None], progress)
+    best = min(tried, key=left_by, default=one)
+    much = max(LEAST_GAIN, ANOTHER * degrees(bench.split.select))
+    return best if left_by(best) < left_by(one) - much else one

@@ -15,7 +15,7 @@ from ident.added import drawn_over, outdone, pruned
 from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.coupled import declared_start
-from ident.curves import PARTS, _shape, curves
+from ident.curves import PARTS, _shape, curves, wave
 from ident.effects.base import Effect, Law
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import learned
@@ -155,6 +155,14 @@ def test_a_law_that_comes_back_twice_in_what_the_records_cover_is_no_faster_one(
     assert 1.5 < TEETH * np.ptp(x) / (2.0 * np.pi) < 3.0
     kind: type[Effect] = type(curves(lin)[0].effect)
     assert kind.period == pytest.approx(2.0 * np.pi / TEETH)  # type: ignore[attr-defined]
+
+
+def test_a_wave_is_found_that_is_not_whole_in_a_turn_of_the_motor() -> None:
+    """170 in a turn of the link, 1.7 in one of its motor; its period to 2 %, as far as four rests tell it."""
+    found = wave(left("link-magnets", 0.05, 170.0, 0.2), "link", JOINT, 4.0)
+    assert found is not None
+    kind: type[Effect] = type(found.effect)
+    assert kind.period == pytest.approx(2.0 * np.pi / 170.0, rel=0.02)  # type: ignore[attr-defined]
 
 
 def test_a_position_has_its_knots_where_the_records_are() -> None:

@@ -15,12 +15,13 @@ from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag
 from ident.effects.learned import learned
 from ident.effects.spring import SpringHardening, TransmissionError
 from ident.refits import FINELY, HASTILY
-from ident.trials import _finely, _law_leads, ahead, plainer, polished
+from ident.trials import _finely, _law_leads, ahead, of_any_order, plainer, polished
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
 BENCH: Any = SimpleNamespace()
 DRY, HARD = LinkCoulomb(1, (0.1,)), SpringHardening(1, (1e7,))
+WAVE = TransmissionError(1, (1e-4, 2.0, 0.0))
 
 
 @pytest.fixture(autouse=True)
@@ -116,6 +117,27 @@ def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
     monkeypatch.setattr(ident.trials, "fully", lambda bench, state: state)
     monkeypatch.setattr(ident.choice, "degrees", lambda data: DOF)
     assert type(plainer(BENCH, found, lambda line: None)[0].effect) is best
+
+
+@pytest.mark.parametrize(
+    ("name", "left", "any_order", "is_named"),
+    [
+        (WAVE, 1.05, 0.9, False),
+        (WAVE, 1.05, 1.04, True),  # no more than a whole order that is told to a few digits
+        (WAVE, 8.0, 4.0, True),  # more is missing that may bend it
+        (DRY, 1.05, 0.9, True),
+    ],
+)
+def test_a_wave_that_is_not_whole_in_a_turn_of_the_motor_has_no_name(
+    name: Effect, left: float, any_order: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = one(name, left)
+    BENCH.workers = 1
+    lin = SimpleNamespace(prepare=lambda: None)
+    monkeypatch.setattr(ident.trials, "_standing", lambda bench, state: (None, lin))
+    monkeypatch.setattr(ident.trials, "wave", lambda lin, port, *of: port)
+    monkeypatch.setattr(ident.trials, "refitted", lambda bench, state, short, _: [one(CURVE, any_order) for _ in short])
+    assert (of_any_order(BENCH, found, lambda line: None) is found) == is_named
 
 
 def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:
