@@ -87,7 +87,7 @@ def _closely(bench: Bench, refit: Refit, left: float) -> State:
     while left > BY_ALL:
         state = fitted(bench, refit)
         before, left = left, excess(bench, state)
-        if left > max(BY_ALL, FALLING * before):
+        if left >= max(BY_ALL, FALLING * before):
             return state
         refit = Refit.of(state)
     return fitted(bench, replace(refit, outer=FULLY, roughly=FAINTLY))

@@ -23,6 +23,7 @@ BENCH: Any = SimpleNamespace()
         (186.0, [32.0, 7.0, 0.9], 3),  # friction on its way to its level
         (186.0, [32.0, 31.0, 30.0], 2),  # no longer on its way
         (5.0, [0.9], 1),
+        (np.inf, [np.inf], 1),  # no arm at all
     ],
 )
 def test_a_fit_goes_on_while_what_is_left_falls(
