@@ -133,8 +133,7 @@ def detail(verdict: dict[str, Any]) -> str:
 def meaning(effect: dict[str, Any]) -> str:
     """What an effect is, in a sentence: the first line of its class in the catalogue."""
     if effect["name"] == "unknown":
-        curve = effect.get("curve", {})
-        return f"A torque that no law of the catalogue describes, learned from the records as a curve of {curve.get('variable', 'its port')}."
+        return f"A torque that no law of the catalogue describes, learned from the records as {_values(effect)}."
     if effect["name"] == "inertial-parameters" and effect["joint"] is None:
         return (
             "Several links are not as in the URDF, or carry a load: J(q) changes by this share of sqrt(J_ii J_jj), rms."

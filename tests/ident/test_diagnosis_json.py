@@ -36,6 +36,14 @@ def blind(d, name):
     return replace(d, end=replace(d.end, minimum=replace(d.end.minimum, information=information)))
 
 
+def test_records_that_an_error_leaves_out_are_named(file, monkeypatch):
+    d = diagnosis()
+    monkeypatch.setattr("ident.diagnosis_json.told_of", lambda split, effects, data: data[1:])
+    out, *kept = [d.campaign.records[one.index].id for one in d.split.report]
+    split = verdict_document(d, [file])["error"]["split"]
+    assert split["report"] == kept and f"{out} left out" in split["note"]
+
+
 def test_the_verdict_has_every_key_of_the_format(file):
     d = diagnosis()
     v = strict(verdict_document(d, [file]))
