@@ -47,7 +47,7 @@ def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
                     continue  # the spring's torque is its deflection
                 shapes.append(_shape(lin, port, joint, name))
                 if port != "spring" and name in ("position", "friction"):
-                    highest = HIGHEST * (1.0 if port == "motor" else float(abs(lin.problem.data[0].scene.N[joint])))
+                    highest = HIGHEST * _turns(lin, port, joint)
                     seen = spectrum(lin, port, port, joint, highest, dry=name == "friction")
                     if seen is not None and seen.fall.size:
                         waves.append((float(seen.fall.max()), port, joint, name, seen))
@@ -83,14 +83,24 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     return learned(port, name, knots.tolist()), joint
 
 
+def _turns(lin: Linearised, port: str, joint: int) -> float:
+    """Turns of the motor in one of what a motor or link port turns."""
+    return 1.0 if port == "motor" else float(abs(lin.problem.data[0].scene.N[joint]))
+
+
+def _round(port: str, joint: int, name: str, count: int, order: float) -> Shape:
+    """A learned curve of so many heights that repeats itself with an order [1/rad]."""
+    period = 2.0 * np.pi / order
+    return learned(port, name, (period * np.arange(count) / count).tolist(), period), joint
+
+
 def _repeating(lin: Linearised, port: str, joint: int, name: str, seen: Spectrum, workers: int) -> list[Candidate]:
     """The curve of position that repeats itself and fits best: a whole part of a turn, or a peak of the spectrum is a harmonic
     of it, if that is much better."""
     count = 2 * HARMONICS + 1
 
     def best(orders: Iterable[float]) -> Candidate | None:
-        periods = [2.0 * np.pi / order for order in orders if order >= AGAIN * seen.resolved]
-        shapes = [(learned(port, name, (p * np.arange(count) / count).tolist(), p), joint) for p in periods]
+        shapes = [_round(port, joint, name, count, order) for order in orders if order >= AGAIN * seen.resolved]
         return max(_drawn(lin, shapes, workers), key=lambda one: one.gain, default=None)
 
     whole = best(float(k) for k in range(1, WHOLE + 1)) if port == "motor" else None
@@ -101,13 +111,13 @@ def _repeating(lin: Linearised, port: str, joint: int, name: str, seen: Spectrum
 
 def wave(lin: Linearised, port: str, joint: int, highest: float, workers: int = 1) -> Candidate | None:
     """The one wave of a position that fits best, of any order up to the `highest` [per rad of the motor], whole in a turn or not."""
-    turns = 1.0 if port == "motor" else float(abs(lin.problem.data[0].scene.N[joint]))
+    lin.prepare()
+    turns = _turns(lin, port, joint)
     seen = spectrum(lin, port, port, joint, highest * turns, LONGEST * turns)
     if seen is None or not seen.fall.size:
         return None
     orders = np.add.outer(seen.peaks(REPEATING), np.linspace(-0.5, 0.5, CLOSER) * seen.resolved).ravel()
-    periods = 2.0 * np.pi / orders[orders >= LONGEST * turns]
-    shapes = [(learned(port, "position", [0.0, p / 3.0, p / 1.5], p), joint) for p in periods.tolist()]
+    shapes = [_round(port, joint, "position", 3, order) for order in orders[orders >= LONGEST * turns].tolist()]
     return max(_drawn(lin, shapes, workers), key=lambda one: one.gain, default=None)
 
 

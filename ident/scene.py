@@ -67,8 +67,8 @@ class Scene:
         whole = np.concatenate([self.lines, lines])
         order = np.argsort(whole)
         return replace(
-            self, lines=whole[order], tau=np.concatenate([self.tau, tau])[order],
-            theta=np.concatenate([self.theta, theta])[order], beyond=(lines[:0], tau[:0], theta[:0]),
+            self.narrow, lines=whole[order], tau=np.concatenate([self.tau, tau])[order],
+            theta=np.concatenate([self.theta, theta])[order],
         )  # fmt: skip
 
     @property

@@ -370,7 +370,6 @@ def of_any_order(bench: Bench, one: Tried, progress: Callable[[str], None]) -> T
     if all(p.name != "order" for p in effect.parameters) or effect.joint is None or excess(bench, one[1]) > CLOSE:
         return one
     plain, lin = _standing(bench, one[1])
-    lin.prepare()
     waves = [wave(lin, port, effect.joint, effect["order"] + NEXT, bench.workers) for port in ("motor", "link")]
     tried = refitted(bench, plain, [(c, lin) for c in waves if c is not None], progress)
     best = min(tried, key=left_by, default=one)

@@ -133,8 +133,7 @@ def test_a_wave_that_is_not_whole_in_a_turn_of_the_motor_has_no_name(
 ) -> None:
     found = one(name, left)
     BENCH.workers = 1
-    lin = SimpleNamespace(prepare=lambda: None)
-    monkeypatch.setattr(ident.trials, "_standing", lambda bench, state: (None, lin))
+    monkeypatch.setattr(ident.trials, "_standing", lambda bench, state: (None, None))
     monkeypatch.setattr(ident.trials, "wave", lambda lin, port, *of: port)
     monkeypatch.setattr(ident.trials, "refitted", lambda bench, state, short, _: [one(CURVE, any_order) for _ in short])
     assert (of_any_order(BENCH, found, lambda line: None) is found) == is_named
