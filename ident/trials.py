@@ -373,5 +373,6 @@ def of_any_order(bench: Bench, one: Tried, progress: Callable[[str], None]) -> T
     waves = [wave(lin, port, effect.joint, effect["order"] + NEXT, bench.workers) for port in ("motor", "link")]
     tried = refitted(bench, plain, [(c, lin) for c in waves if c is not None], progress)
     best = min(tried, key=left_by, default=one)
+    best = one if best is one else (best[0], fully(bench, best[1]))  # as closely as the name it is compared with
     much = max(LEAST_GAIN, ANOTHER * degrees(bench.split.select))
     return best if left_by(best) < left_by(one) - much else one

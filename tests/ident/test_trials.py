@@ -120,22 +120,25 @@ def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
 
 
 @pytest.mark.parametrize(
-    ("name", "left", "any_order", "is_named"),
+    ("name", "left", "hastily", "fully", "is_named"),
     [
-        (WAVE, 1.05, 0.9, False),
-        (WAVE, 1.05, 1.04, True),  # no more than a whole order that is told to a few digits
-        (WAVE, 8.0, 4.0, True),  # more is missing that may bend it
-        (DRY, 1.05, 0.9, True),
+        (WAVE, 1.05, 0.95, 0.9, False),
+        (WAVE, 1.05, 1.2, 0.9, False),
+        (WAVE, 1.05, 1.04, 1.04, True),  # no more than a whole order that is told to a few digits
+        (WAVE, 1.05, 0.9, 1.05, True),  # less by the few lines of a hasty fit alone
+        (WAVE, 8.0, 4.0, 4.0, True),  # more is missing that may bend it
+        (DRY, 1.05, 0.9, 0.9, True),
     ],
 )
 def test_a_wave_that_is_not_whole_in_a_turn_of_the_motor_has_no_name(
-    name: Effect, left: float, any_order: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
+    name: Effect, left: float, hastily: float, fully: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = one(name, left)
     BENCH.workers = 1
     monkeypatch.setattr(ident.trials, "_standing", lambda bench, state: (None, None))
     monkeypatch.setattr(ident.trials, "wave", lambda lin, port, *of: port)
-    monkeypatch.setattr(ident.trials, "refitted", lambda bench, state, short, _: [one(CURVE, any_order) for _ in short])
+    monkeypatch.setattr(ident.trials, "refitted", lambda bench, state, short, _: [one(CURVE, hastily) for _ in short])
+    monkeypatch.setattr(ident.trials, "fully", lambda bench, state: one(CURVE, fully)[1])
     assert (of_any_order(BENCH, found, lambda line: None) is found) == is_named
 
 
