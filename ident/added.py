@@ -50,7 +50,7 @@ def exchanged(
     """The model with others in the place of earlier effects, where these leave much less now that more is known.
 
     What two effects leave alone is nearly the same while a third is missing; where something is still left it may be because
-    the wrong one of both was taken.
+    the wrong one of both was taken. Beside a curve, which can play what the name did, only one that leaves hardly anything.
     """
     dof = degrees(bench.split.select)
     for k, entry in enumerate(added[:-1]):
@@ -60,7 +60,8 @@ def exchanged(
         tried = list(all_fitted(bench, [instead(state, entry.effect, one) for one in others]))
         best = min(tried, key=lambda one: one.select)
         least = max(LEAST_GAIN, LEAST_SHARE * (state.select - dof))
-        if best.select > state.select - least:
+        by_curve = added[-1].effect.name == "unknown"
+        if best.select > state.select - least or (by_curve and excess(bench, best) > CLOSE):
             continue
         new = next(e for e in best.effects if all(not same(e, old) for old in state.effects))
         progress(f"  instead of {told(entry.effect)}, {told(new)}: {excess(bench, best):.4g}")

@@ -61,8 +61,7 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     """A learned curve, half of its knots where the records are most of the time, half spread evenly over what they cover; a position's
     in the records that excite the joint: where others hold it, it hardly moves."""
     live = [(one, m) for one, m in zip(lin.problem.data, lin.motions[port], strict=True) if joint in one.scene.arm.live]
-    placed = port != "spring" and name in ("position", "friction")
-    own = [(one, m) for one, m in live if one.excited == joint and placed]
+    own = [(one, m) for one, m in live if one.excited == joint and name in ("position", "friction")]
     here = [variable(m.state(joint), port, name)[0] for _, m in own or live]
     if not here:
         return None

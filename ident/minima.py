@@ -31,6 +31,8 @@ STIFFER = (3.0, 10.0, 30.0)
 
 #: Lines at which an effect shows what it carries; share of what it leaves with declared links that it may leave with others.
 SHOWN_AT, MUCH_LESS = 8, 0.5
+#: Times that weights are made anew at the end where a curve is part of a model: its heights would go on for long, for nothing.
+BY_CURVE = 3
 #: Times as stiff, or as fast, from where it is fitted again once links may be off.
 HALF_OR_TWICE = (0.5, 2.0)
 
@@ -98,7 +100,8 @@ def settled(bench: Bench, state: State) -> State:
     if excess(bench, state) > BY_ALL:
         return state
     both = replace(bench, split=replace(bench.split, fit=united(*bench.split.fit, *bench.split.select)))
-    new = fitted(both, replace(Refit.of(state), outer=FULLY, roughly=FAINTLY))
+    outer = BY_CURVE if any(effect.name == "unknown" for effect in state.effects) else FULLY
+    new = fitted(both, replace(Refit.of(state), outer=outer, roughly=FAINTLY))
     return replace(new, select=state.select) if new.select < state.select + LEAST_GAIN else state
 
 

@@ -32,6 +32,8 @@ FEW_TURNS, FEW_LINES, FEW_RECORDS, FEW_SAMPLES = 15, 250, 20, 6
 FIRST_LINES, BY_ALL = 100, 10.0
 #: Times chi^2 per degree of freedom from which a last descent began that the choosing records then leave where it went astray.
 ASTRAY = 3.0
+#: Which of the four numbers of a drive (`Parameters`: K, J_m, D, D_spring) is a slope of a curve, by port and variable.
+SLOPES = {("spring", "position"): 0, ("motor", "velocity"): 2, ("spring", "velocity"): 3}
 #: chi^2 of a height of a learned curve of the size of all, so that one that no record shows stays at nothing.
 UNSEEN_HEIGHT = 1e-4
 
@@ -55,6 +57,7 @@ class Bench:
         held = [p.whole or p.declared or _drawn_again(e, effects) for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(held, dtype=bool)
+        free[_drawn_besides(effects, problem.n)] = False
         weights = [1.0 if p.aside else UNSEEN_HEIGHT * isinstance(e, Learned) for e in effects for p in e.parameters]
         weight = np.concatenate([np.zeros(problem.base), weights])
         expected = (np.zeros(len(weight)), weight) if weight.any() else None
@@ -102,6 +105,12 @@ def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
         return False
     curves = [e for e in effects if isinstance(e, Learned) and e.variable in ("position", "velocity")]
     return any((curve.port, curve.joint) == (effect.port, effect.joint) for curve in curves)
+
+
+def _drawn_besides(effects: Sequence[Effect], n: int) -> list[int]:
+    """The stiffnesses and dampings of the arm, by their places, which the slopes of learned curves are, too."""
+    curves = [e for e in effects if isinstance(e, Learned) and (e.port, e.variable) in SLOPES]
+    return [SLOPES[e.port, e.variable] * n + e.joint for e in curves if e.joint is not None]
 
 
 def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:

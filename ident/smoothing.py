@@ -13,7 +13,7 @@ from itertools import chain, islice
 
 import numpy as np
 
-from ident.acting import Moved, Slid, signals
+from ident.acting import Moved, Slid, signals, slope
 from ident.arm_model import Parameters, Sampling
 from ident.campaign import Array
 from ident.effects.base import Effect, Law
@@ -97,7 +97,7 @@ def _smoothed(
         start, motion=motion, found={key: force.lines[arm.inside] for key, force in best.items()},
         base=signals(arm.scene, effects, motion),
         springy={(port, k): motion.at(port, int(scene.arm.live[k]))[0] for port, k in springy},
-        rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing}, slid=slid,
+        rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing | springy}, slid=slid,
     )  # fmt: skip
 
 
@@ -163,8 +163,8 @@ def _sliding(
 def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces, march: bool) -> Force:
     """The force of `laws` at a port, of the position that it leaves, under the forces `on` besides.
 
-    The best line through force and position is solved for exactly, what is left of the law in turns; where these do not settle it
-    may be marched.
+    The best lines through force and position, force and velocity are solved for exactly, what is left of the law in turns; where
+    these do not settle it may be marched.
     """
     scene, (port, k) = arm.scene, key
     joint = int(scene.arm.live[k])
@@ -183,12 +183,12 @@ def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, 
     load = float(scene.N[joint] * scene.means[0, joint]) - on[key].mean
     best, least, size = F, np.inf, np.std(F)
     for _ in range(STEPS):
-        swing = x - x.mean()
-        line = float(swing @ F) / max(float(swing @ swing), 1e-300)
+        stiff = slope(x, F)
+        line = stiff + slope(v, F) * scene.s
         left = scene.at_lines(F) - line * scene.at_lines(x)
         lines = (x0 + Y * left) / (1.0 - line * Y)
         if port == "spring":  # it carries what its motor does, on the mean
-            mean += (load - K * mean - float(F.mean())) / max(K + line, 0.1 * K)
+            mean += (load - K * mean - float(F.mean())) / max(K + stiff, 0.1 * K)
         x, v = scene.in_time(np.stack([lines, scene.s * lines], axis=1)).T + np.array([[mean], [0.0]])
         before, F = F, force(x, v)
         change = float(np.std(F - before))

@@ -149,6 +149,16 @@ def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], 
     return [(one[0], state) if one is best else one for one in tried]
 
 
+def _curve_finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, a curve that leaves least of all fitted finely: it may be so far ahead that few names need be."""
+    best = min(tried, key=left_by, default=None)
+    if best is None or not is_curve(best) or excess(bench, best[1]) <= CLOSE**2:
+        return list(tried)
+    state = fitted(bench, Refit.of(best[1]))
+    progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+    return [(one[0], state) if one is best else one for one in tried]
+
+
 def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
     """The likeliest learned curves beyond a model, hastily refitted."""
     drawn = [c for c in curves(lin, bench.workers)[:CURVES] if c.gain > LEAST_SHARE * _left(state, lin)]
@@ -225,6 +235,7 @@ def at_minimum(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tri
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
     """The candidates, those that may be chosen fitted finely, and the best name from other places where it leaves something; `first`
     as in `explains`."""
+    tried = _curve_finely(bench, tried, progress)
     finalists = _finalists(bench, tried, first)
     if not finalists:
         return list(tried)

@@ -24,6 +24,8 @@ TABLED = 512
 class Learned(Law):
     """A torque that follows a curve of a `variable` of the port, its heights at `knots` the parameters: straight between them.
 
+    Beyond its ends a curve goes on as steeply, so that it does not matter what of a slope is told by a damping or a stiffness
+    besides; one of a place, of which nothing is known where nobody was, stays as high.
     With a `period` the curve repeats itself, knots are one period's, evenly spread, and the curve is the smoothest one through
     them: their Fourier series.
     """
@@ -36,10 +38,17 @@ class Learned(Law):
     def law(self, at: State) -> Any:
         x, v = variable(at, self.port, self.variable)
         if self.period is None:
-            height = np.interp(x, self.knots, self.values)
+            height = np.interp(x, self.knots, self.values) + self._beyond(x)
         else:
             height = np.interp(np.mod(x, self.period), *_tabled(self.values, self.period))
         return -height * direction(v, at.N if self.port == "motor" else 1.0) if self.variable == "friction" else height
+
+    def _beyond(self, x: Any) -> Any:
+        """What the slopes at both ends add where x is beyond them."""
+        if self.variable not in ("velocity", "torque") and self.port != "spring":
+            return 0.0
+        first, last = (np.diff(self.values)[[0, -1]] / np.diff(self.knots)[[0, -1]]).tolist()
+        return first * np.minimum(x - self.knots[0], 0.0) + last * np.maximum(x - self.knots[-1], 0.0)
 
 
 @cache
