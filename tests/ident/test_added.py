@@ -14,6 +14,7 @@ from ident.added import Added, exchanged
 from ident.diagnose import _better
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorStribeck
+from ident.effects.learned import learned
 from ident.effects.motor import InputDelay, TorqueLag
 from ident.refits import Refit, instead
 
@@ -70,6 +71,21 @@ def test_what_was_tied_takes_the_place_of_what_leaves_more_once_more_is_known(
     said = [(one.effect, one.tied, one.rivals) for one in entries]
     first = (LAG, (), ((DELAY, 0.05),)) if taken else (DELAY, (LAG,), ((LAG, 0.06),))
     assert said == [first, (DRY, (), ())]
+
+
+@pytest.mark.parametrize(("then", "taken"), [(600.0, False), (2.0, True)])
+def test_beside_a_curve_a_name_is_exchanged_only_for_one_that_leaves_hardly_anything(
+    then: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    curve = learned("spring", "velocity", [-1.0, 1.0])(2, (0.1, -0.1))
+    monkeypatch.setattr(
+        ident.added, "all_fitted", lambda bench, refits: [state(then, *refit.effects) for refit in refits]
+    )
+    monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
+    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    added = [entry(DELAY, state(900.0, LAG)), entry(curve)]
+    best, _ = exchanged(BENCH, state(750.0, DELAY, curve), added, lambda line: None)
+    assert best.effects == ((LAG, curve) if taken else (DELAY, curve))
 
 
 def test_the_arm_without_effects_is_the_one_that_was_fitted_best() -> None:

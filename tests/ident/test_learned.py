@@ -50,6 +50,33 @@ def test_a_curve_is_straight_between_its_knots() -> None:
     np.testing.assert_allclose(law.law(state(np.array([-1.5, -0.5, 0.0, 1.0, 9.0]))), [1.0, 2.0, 3.0, 1.0, -1.0])
 
 
+def test_a_curve_goes_on_beyond_its_ends_as_steeply_as_it_ends() -> None:
+    """So adding a slope to all heights adds it everywhere; one of a place stays level."""
+    law = learned("motor", "velocity", [-1.0, 0.0, 2.0])(0, (1.0, 3.0, -1.0))
+    assert isinstance(law, Law)
+    np.testing.assert_allclose(law.law(state(0.3, np.array([-1.5, -1.0, 2.0, 4.0]))), [0.0, 1.0, -1.0, -5.0])
+    knots = np.array([-3.0, -1.0, 0.5])
+    sloped = learned("spring", "position", knots.tolist())(0, tuple((2.0 * knots).tolist()))
+    assert isinstance(sloped, Law)
+    x = np.linspace(-9.0, 9.0, 50)
+    np.testing.assert_allclose(sloped.law(replace(state(0.0), deflection=x)), 2.0 * x, atol=1e-12)
+
+
+def test_what_is_the_slope_of_a_curve_besides_stays_as_it_is() -> None:
+    one = bench("root-damper", 1.0)
+    n = one.model.chain.n
+
+    def held(port: str, variable: str) -> list[int]:
+        curve = learned(port, variable, [-1.0, 0.0, 1.0])(JOINT, (0.0, 0.0, 0.0))
+        problem = one.problem(one.split.fit, [curve], [1.0] * 3, [(-1.0, 1.0)] * 3)
+        return np.flatnonzero(~problem.free).tolist()
+
+    assert held("spring", "position") == [JOINT]
+    assert held("motor", "velocity") == [2 * n + JOINT]
+    assert held("spring", "velocity") == [3 * n + JOINT]
+    assert held("link", "velocity") == held("motor", "position") == []
+
+
 def test_a_curve_that_repeats_is_the_fourier_series_of_its_heights() -> None:
     """To 1e-3: the table between whose points lines are straight, at the sixth harmonic."""
     period, order = 0.7, 2.0 * np.pi / 0.7
@@ -175,6 +202,19 @@ def test_a_position_has_its_knots_where_the_records_are() -> None:
     near = np.ptp(np.concatenate(places)) / PARTS
     covered = [(x.min() - near <= knots) & (knots <= x.max() + near) for x in places]
     assert np.sum(covered) == len(knots) and np.sum(covered, axis=1).min() >= 2
+
+
+def test_a_deflection_has_no_knots_that_only_records_of_another_joint_have() -> None:
+    """Where others hold the joint its spring is hardly wound."""
+    lin = left("root-damper", 1.0)
+    wound = [motion.of("deflection", [JOINT]).ravel() for motion in lin.motions["spring"]]
+    most = int(np.argmax([x.max() for x in wound]))
+    data = list(lin.problem.data)
+    data[most] = replace(data[most], excited=JOINT + 1)
+    shape = _shape(replace(lin, problem=replace(lin.problem, data=tuple(data))), "spring", JOINT, "position")
+    assert shape is not None
+    highest = max(x.max() for k, x in enumerate(wound) if k != most)
+    assert shape[0].knots[-1] == pytest.approx(highest) and highest < wound[most].max()  # type: ignore[attr-defined]
 
 
 def test_a_law_that_is_steepest_at_standstill_is_drawn_to_the_noise() -> None:
