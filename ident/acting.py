@@ -41,7 +41,7 @@ class Moved:
     """How an arm moved in a record, and the rigid-body forces of second order that follow, joint side, at its lines [L, m].
 
     Where the motion was found together with forces: these, `found` at the lines [L], and in time of the motion alone, `base` [S].
-    `springy` are the positions [S] at ports whose force follows from the motion, `rubbing` the velocities there and where there is dry friction:
+    `springy` are the positions [S] at ports whose force follows from the motion, `rubbing` the velocities at those with dry friction:
     the best line through force and position is stiffness there, through force and velocity damping. `slid` tells how it was found.
     """
 
@@ -145,7 +145,7 @@ class Line(NamedTuple):
 
 
 def _lines(now: Mapping[tuple[str, int], Array], how: Moved) -> list[Line]:
-    """The best lines through forces that are `now` in time; a position and its rate do not correlate over a period."""
+    """The best lines through forces that are `now` in time."""
     found = []
     for moves, is_rate in ((how.springy, False), (how.rubbing, True)):
         for key in moves.keys() & now.keys():

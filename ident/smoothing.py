@@ -97,7 +97,7 @@ def _smoothed(
         start, motion=motion, found={key: force.lines[arm.inside] for key, force in best.items()},
         base=signals(arm.scene, effects, motion),
         springy={(port, k): motion.at(port, int(scene.arm.live[k]))[0] for port, k in springy},
-        rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing | springy}, slid=slid,
+        rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing}, slid=slid,
     )  # fmt: skip
 
 
