@@ -41,7 +41,7 @@ class Moved:
     """How an arm moved in a record, and the rigid-body forces of second order that follow, joint side, at its lines [L, m].
 
     Where the motion was found together with forces: these, `found` at the lines [L], and in time of the motion alone, `base` [S].
-    `springy` are the positions [S] at ports whose force follows from the motion, `rubbing` the velocities at those with dry friction:
+    `springy` are the positions [S] at ports whose force follows from them, `rubbing` the velocities at those with dry friction:
     the best line through force and position is stiffness there, through force and velocity damping. `slid` tells how it was found.
     """
 
@@ -116,8 +116,7 @@ def _along_lines(
 ) -> tuple[dict[str, Complex], Extra]:
     """Forces that are `now` in time but for the best lines through them, and `linear` with these."""
     on, lines = _forces(scene, now, how), _lines(now, how)
-    for line in lines:
-        port, k = line.key
+    for (port, k), line in lines.items():
         on[port][:, k] -= line.slope * scene.at_lines(line.of)
     return on, _stiffened(scene, linear, lines)
 
@@ -135,22 +134,19 @@ def linear_part(scene: Scene, p: Parameters, effects: Sequence[Effect], how: Mov
 
 
 class Line(NamedTuple):
-    """The best line through the force at a port of a live joint and what it is `of` [S], a position or its rate: joint side by the
-    port's own unit."""
+    """The best line through a force and what it is `of` [S], a position or its rate: joint side by the port's own unit."""
 
-    key: tuple[str, int]
     of: Array
     slope: float
     is_rate: bool
 
 
-def _lines(now: Mapping[tuple[str, int], Array], how: Moved) -> list[Line]:
-    """The best lines through forces that are `now` in time."""
-    found = []
+def _lines(now: Mapping[tuple[str, int], Array], how: Moved) -> dict[tuple[str, int], Line]:
+    """The best lines through forces that are `now` in time, by port and live joint."""
+    found = {}
     for moves, is_rate in ((how.springy, False), (how.rubbing, True)):
         for key in moves.keys() & now.keys():
-            x = moves[key]
-            found.append(Line(key, x, slope(x, now[key]), is_rate))
+            found[key] = Line(moves[key], slope(moves[key], now[key]), is_rate)
     return found
 
 
@@ -160,14 +156,13 @@ def slope(x: Array, force: Array) -> float:
     return float(swing @ force) / max(float(swing @ swing), 1e-300)
 
 
-def _stiffened(scene: Scene, linear: Extra, lines: Sequence[Line]) -> Extra:
+def _stiffened(scene: Scene, linear: Extra, lines: Mapping[tuple[str, int], Line]) -> Extra:
     """`linear` with the slopes of `lines`; a motor's position is told motor side."""
     if not lines:
         return linear
     m = len(scene.arm.live)
     Z = np.zeros((len(scene.lines), 2 * m, 2 * m), dtype=complex)
-    for line in lines:
-        port, k = line.key
+    for (port, k), line in lines.items():
         row, column = np.zeros(2 * m), np.zeros(2 * m)
         if port == "spring":
             row[[k, m + k]] = column[[k, m + k]] = (1.0, -1.0)

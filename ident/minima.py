@@ -43,7 +43,7 @@ def fully(bench: Bench, state: State) -> State:
     if last.name == "unknown":  # heights of a curve mean nothing by themselves
         return fitted(bench, replace(Refit.of(state), outer=FULLY))
     # what a curve leaves, which it does not draw, is no valley
-    by_curve = any(effect.name == "unknown" for effect in state.effects)
+    by_curve = _drawn(state)
     if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2 and not by_curve:
         stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
@@ -100,9 +100,14 @@ def settled(bench: Bench, state: State) -> State:
     if excess(bench, state) > BY_ALL:
         return state
     both = replace(bench, split=replace(bench.split, fit=united(*bench.split.fit, *bench.split.select)))
-    outer = BY_CURVE if any(effect.name == "unknown" for effect in state.effects) else FULLY
+    outer = BY_CURVE if _drawn(state) else FULLY
     new = fitted(both, replace(Refit.of(state), outer=outer, roughly=FAINTLY))
     return replace(new, select=state.select) if new.select < state.select + LEAST_GAIN else state
+
+
+def _drawn(state: State) -> bool:
+    """Whether a learned curve is part of a model."""
+    return any(isinstance(effect, Learned) for effect in state.effects)
 
 
 def lowest(bench: Bench, starts: Sequence[Refit]) -> State:

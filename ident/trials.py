@@ -143,9 +143,7 @@ def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], 
     best = min(tried, key=left_by, default=None)
     if best is None or not NAMED < excess(bench, best[1]) <= CLOSE**2:
         return tried
-    state = fitted(bench, Refit.of(best[1]))
-    progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
-    state = _otherwise(bench, state, progress)
+    state = _otherwise(bench, _finer(bench, best[1], progress), progress)
     return [(one[0], state) if one is best else one for one in tried]
 
 
@@ -154,9 +152,15 @@ def _curve_finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str]
     best = min(tried, key=left_by, default=None)
     if best is None or not is_curve(best) or excess(bench, best[1]) <= CLOSE**2:
         return list(tried)
-    state = fitted(bench, Refit.of(best[1]))
-    progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+    state = _finer(bench, best[1], progress)
     return [(one[0], state) if one is best else one for one in tried]
+
+
+def _finer(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+    """The same model, fitted finely."""
+    state = fitted(bench, Refit.of(state))
+    progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+    return state
 
 
 def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
