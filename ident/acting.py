@@ -222,8 +222,7 @@ def _motion(
     theta = scene.theta - on["reading"]
     theta = theta if linear.angle_gain is None else theta / linear.angle_gain
     tau = scene.tau if linear.torque_gain is None else scene.tau * linear.torque_gain
-    if scene.hold == "zoh":  # what a held torque is at its own line: smaller, and half a sample late
-        tau = tau * (-np.expm1(-s / scene.fs) * scene.fs / s)
+    tau = scene.held(tau)
     x, K = theta / N, p.K[live] + s * p.D_spring[live]
     rotor = s**2 * (N**2 * p.J_m[live]) + s * (N**2 * p.D[live])
     by_motor = N * tau + on["motor"] - rotor * x

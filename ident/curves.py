@@ -16,10 +16,10 @@ from ident.trace import Linearised
 from symgen.forked import forked
 
 #: Knots of a learned curve: more where each record covers all of it than for a position, of which records see parts.
-KNOTS = {"velocity": 13, "torque": 17, "deflection": 17, "position": 13, "friction": 13}
+KNOTS = {"velocity": 13, "torque": 17, "drive": 17, "deflection": 17, "position": 13, "friction": 13}
 #: Parts of the range of a variable: between the places where the records rest there are some that none covers.
 PARTS = 512
-#: Those of a velocity about standstill, where what rubs changes most, as shares of the highest; times the last of these beyond which
+#: Those of a velocity about standstill, where what rubs changes most, and of a drive's torque about none, where it is dead, as shares of the highest; times the last of these beyond which
 #: the others begin.
 RESTING, BEGIN = (0.001, 0.004, 0.012, 0.035), 1.6
 #: Highest order [per rad of the motor] of a wave of a curve that repeats itself, its harmonics; at how many places such curves
@@ -41,10 +41,8 @@ def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
     shapes: list[Shape | None] = []
     waves: list[tuple[float, str, int, str, Spectrum]] = []
     for joint in range(lin.problem.n):
-        for port in ("motor", "spring", "link"):
-            for name in VARIABLES:
-                if port == "spring" and name in ("torque", "friction"):
-                    continue  # the spring's torque is its deflection
+        for port, names in VARIABLES.items():
+            for name in names:
                 shapes.append(_shape(lin, port, joint, name))
                 if port != "spring" and name in ("position", "friction"):
                     highest = HIGHEST * _turns(lin, port, joint)
@@ -74,7 +72,7 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     covered = np.concatenate([[low], 0.5 * (edges[1:] + edges[:-1])[cells > 0], [high]])
     both = [np.quantile(of, np.linspace(0.0, 1.0, PARTS), method="nearest") for of in (x, covered)]
     knots: Array = np.quantile(np.concatenate(both), share, method="nearest")
-    if name == "velocity":
+    if name in ("velocity", "drive"):
         about = np.outer([-1.0, 1.0], RESTING).ravel() * np.abs(x).max()
         knots = np.sort(np.concatenate([knots[np.abs(knots) > BEGIN * about.max()], about]))
     if np.any(np.diff(knots) <= 1e-9 * (high - low)):

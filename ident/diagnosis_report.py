@@ -232,7 +232,11 @@ def _values(effect: dict[str, Any]) -> str:
 
 def _curve(curve: dict[str, Any], port: str) -> str:
     """What a learned curve is a function of."""
-    what = {"friction": "dry friction that is a curve of position", "torque": "a curve of the load"}
+    what = {
+        "friction": "dry friction that is a curve of position",
+        "torque": "a curve of the load",
+        "drive": "a curve of the drive's torque",
+    }
     again = f", again every {curve['period']:.4g} rad" if curve.get("period") else ""
     return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
 

@@ -203,7 +203,18 @@ def _wind(here: Injected, joint: Live, load: float, extra: dict[tuple[str, int],
             f"joint {drive.joint!r} finds no rest with its effects: its spring can not carry {carried:.3g} N m"
         )
     excess(x)
-    return (load - total("link")) / drive.N - total("motor")
+    asked = (load - total("link")) / drive.N
+
+    def lacking(u: float) -> float:
+        at.tau = u
+        return u + total("motor") - asked
+
+    u = _root(lacking, asked)
+    if u is None:
+        raise ExperimentError(
+            f"joint {drive.joint!r} finds no rest with its effects: its motor can not give {asked:.3g} N m"
+        )
+    return u
 
 
 def _root(f: Callable[[float], float], x: float) -> float | None:

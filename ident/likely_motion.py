@@ -49,7 +49,7 @@ class LikelyMotion:
     """The motion of all m live joints at all L lines as a function of the forces on them.
 
     `alone` [L, m] are the measured angles as the model predicts them without forces; `on_motor`, `on_link` [L, m, m] what these add;
-    `carried` links by motors, `yielding` links by forces on them; `gain` of the readings. `inside` [L] the band; `certainty` [L, m, m]
+    `carried` links by motors, `yielding` links by forces on them; `gain` of the readings, `tau` the torques that act. `inside` [L] the band; `certainty` [L, m, m]
     the inverse covariance of measured minus predicted angles, `trust` the part of these that belongs to the motion.
     """
 
@@ -60,6 +60,7 @@ class LikelyMotion:
     carried: Complex
     yielding: Complex
     alone: Complex
+    tau: Complex
     gain: Complex | None
     second: Complex
     inside: NDArray[np.bool_]
@@ -82,9 +83,10 @@ class LikelyMotion:
         certainty = np.asarray(np.linalg.inv(of_model + np.diag(powers.angle.max(axis=0))), dtype=complex)
         inside = np.isin(wide.lines, scene.lines)
         rigid = np.zeros_like(wide.theta)
+        tau = wide.tau if linear.torque_gain is None else wide.tau * linear.torque_gain
         rigid[inside] = 0.0 if second is None else second
         return LikelyMotion(
-            wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), linear.angle_gain, rigid,
+            wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), wide.held(tau), linear.angle_gain, rigid,
             inside, certainty, of_model @ certainty, tuple(effects),
         )  # fmt: skip
 
@@ -166,7 +168,7 @@ class LikelyMotion:
             carried[live[k]] += force.mean if port == "motor" else 0.0
             besides[live[k]] += force.mean if port == "spring" else 0.0
         scene = scene.misread({k: force.mean for (port, k), force in on.items() if port == "reading"})
-        return motion_of(scene, p, theta, scene.tau, q, spring, carried, besides)
+        return motion_of(scene, p, theta, self.tau, q, spring, carried, besides)
 
 
 def _times(matrix: Complex, vector: Complex) -> Complex:

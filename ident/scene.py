@@ -94,6 +94,13 @@ class Scene:
     def s(self) -> Complex:
         return np.asarray(2j * np.pi * self.f0 * self.lines)
 
+    def held(self, tau: Complex) -> Complex:
+        """What torques [L, m] of the motors are at their own lines, held between samples: smaller, and half a sample late."""
+        if self.hold != "zoh":
+            return tau
+        s = self.s[:, None]
+        return np.asarray(tau * (-np.expm1(-s / self.fs) * self.fs / s))
+
     def of_live(self, impedance: Complex) -> Complex:
         """The part [S, 2m, 2m] of an impedance [S, 2n, 2n] that belongs to the live joints."""
         both = np.concatenate([self.arm.live, self.n + self.arm.live])

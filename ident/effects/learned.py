@@ -15,8 +15,13 @@ import numpy as np
 from ident.effects.base import Array, Effect, Law, Parameter
 from ident.effects.motion import State, direction
 
-#: What a curve may be a function of; "friction" is one of position, against the motion.
-VARIABLES = ("position", "velocity", "torque", "friction")
+#: What a curve may be a function of at each port: "torque" is that of the load (a spring's is its deflection), "drive" the motor's
+#: own; "friction" is one of position, against the motion.
+VARIABLES = {
+    "motor": ("position", "velocity", "torque", "drive", "friction"),
+    "spring": ("position", "velocity"),
+    "link": ("position", "velocity", "torque", "friction"),
+}
 #: Points at which a curve that repeats itself is tabled: straight lines between them are within 1e-3 of it.
 TABLED = 512
 
@@ -45,7 +50,7 @@ class Learned(Law):
 
     def _beyond(self, x: Any) -> Any:
         """What the slopes at both ends add where x is beyond them."""
-        if self.variable not in ("velocity", "torque") and self.port != "spring":
+        if self.variable in ("position", "friction") and self.port != "spring":
             return 0.0
         first, last = (np.diff(self.values)[[0, -1]] / np.diff(self.knots)[[0, -1]]).tolist()
         return first * np.minimum(x - self.knots[0], 0.0) + last * np.maximum(x - self.knots[-1], 0.0)
@@ -67,8 +72,11 @@ def _tabled(heights: Sequence[float], period: float) -> tuple[Array, Array]:
 def variable(at: State, port: str, name: str) -> tuple[Any, Any]:
     """The variable of a curve at a port, and the port's velocity."""
     x, v = at.at(port)
-    torque = at.spring / at.N if port == "motor" else at.spring
-    return {"position": x, "velocity": v, "torque": torque, "friction": x}[name], v
+    if name == "drive":
+        return at.tau, v
+    if name == "torque":
+        return (at.spring / at.N if port == "motor" else at.spring), v
+    return (v if name == "velocity" else x), v
 
 
 def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None) -> type[Effect]:

@@ -115,9 +115,49 @@ class OneWayDamper(Law):
         return -self["damping"] * np.maximum(at.q_rate, 0.0)
 
 
+@final
+class DeadTime(Law):
+    """An amplifier whose switches wait at every change: so much torque is lost, whatever is asked for, but near none."""
+
+    name, port = "dead-time", "motor"
+    parameters = (
+        Parameter("level", "Nm", 0.0, 1.0, (0.05,), linear=True, relative="torque"),
+        Parameter("width", "Nm", 0.01, 1.0, (0.1,), zero=None, relative="torque"),
+    )
+
+    def law(self, at: State) -> Any:
+        level, width = self.values
+        return -level * np.tanh(at.tau / width)
+
+
+@final
+class WeakMagnet(Law):
+    """A motor whose torque falls behind its current as that grows: `loss` at the torque `at`."""
+
+    name, port = "weak-magnet", "motor"
+    parameters = (
+        Parameter("loss", "Nm", 0.0, 1.0, (0.05,), linear=True, relative="torque"),
+        Parameter("at", "Nm", 0.01, 10.0, (1.0,), zero=None, relative="torque"),
+    )
+
+    def law(self, at: State) -> Any:
+        x = at.tau / self["at"]
+        return -self["loss"] * x * np.abs(x)
+
+
 OUTSIDE: dict[str, type[Effect]] = {
     kind.name: kind
-    for kind in (Detent, PlaceFriction, EddyBrake, SaturatingMesh, RootDamper, LinkMagnets, OneWayDamper)
+    for kind in (
+        Detent,
+        PlaceFriction,
+        EddyBrake,
+        SaturatingMesh,
+        RootDamper,
+        LinkMagnets,
+        OneWayDamper,
+        DeadTime,
+        WeakMagnet,
+    )
 }
 
 #: As `draws.RANGES`. The root damper's level is in N m at 1 rad/s; links move at some 0.1 rad/s.
@@ -129,4 +169,6 @@ OUTSIDE_RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "root-damper": {"level": (0.1, 0.5)},
     "link-magnets": {"amplitude": (0.03, 0.1), "order": ("one of", 170, 230, 270), "phase": ("+-", 0.1, 3.1)},
     "one-way-damper": {"damping": (0.05, 0.3)},
+    "dead-time": {"level": (0.03, 0.15), "width": (0.03, 0.3)},
+    "weak-magnet": {"loss": (0.02, 0.1), "at": (0.9, 1.1)},
 }  # fmt: skip

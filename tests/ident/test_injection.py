@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from draws import RANGES, draws
 from explaining import Judged, judge
+from outside import OUTSIDE
 
 from ident import bench
 from ident.arm_fit import hold, residual
@@ -226,6 +227,14 @@ def test_an_arm_with_effects_rests_where_it_says_it_does() -> None:
         machine.advance(arm.plant.preload.tolist(), [0.0] * 3)
     # unstable where gravity tips it: what little rounding there is grows, over 0.3 s, to far less than an encoder's count
     assert np.abs(np.array(machine.angles()) * N - arm.plant.rest).max() < 1e-6
+
+
+def test_a_motor_that_loses_torque_holds_the_arm_by_more_of_it() -> None:
+    amplifier = OUTSIDE["dead-time"](1, (2e-3, 0.01))
+    arm = inject(YPP, ROBOT.drives, ROBOT.gravity, POSTURE, [amplifier])
+    sound = inject(YPP, ROBOT.drives, ROBOT.gravity, POSTURE, [])
+    more = arm.plant.preload - sound.plant.preload
+    assert more == pytest.approx([0.0, 2e-3 * np.sign(sound.plant.preload[1]), 0.0], rel=1e-6, abs=1e-12)
 
 
 def test_the_campaign_tells_nothing_of_the_effect() -> None:

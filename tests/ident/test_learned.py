@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import diagnosed
 import numpy as np
@@ -223,6 +224,25 @@ def test_a_law_that_is_steepest_at_standstill_is_drawn_to_the_noise() -> None:
     (best,) = [c for c in curves(left(*law)) if told(c.effect) == "unknown at joint 2: velocity at the link"]
     tried = refitted(bench(*law), declared(*law), [(best, left(*law))], lambda line: None)
     assert excess(bench(*law), fitted(bench(*law), Refit.of(tried[0][1]))) < 1.1
+
+
+@pytest.mark.parametrize("law", [("dead-time", 2e-3, 0.02), ("weak-magnet", 1e-3, 0.1)])
+def test_what_an_amplifier_loses_is_seen_in_the_torque_it_gives(law: tuple[Any, ...]) -> None:
+    assert told(curves(left(*law))[0].effect) == "unknown at joint 2: drive at the motor"
+
+
+def test_what_an_amplifier_loses_is_drawn_over_the_torque_it_gives() -> None:
+    """But for a share of all: records of one joint do not tell that from more inertia."""
+    law = "dead-time", 2e-3, 0.02
+    tried = refitted(bench(*law), declared(*law), [(curves(left(*law))[0], left(*law))], lambda line: None)
+    after = fitted(bench(*law), Refit.of(tried[0][1]))
+    assert excess(bench(*law), after) < 1.1
+    t = np.concatenate([motion.of("tau", [JOINT]).ravel() for motion in left(*law).motions["motor"]])
+    found, true = after.effects[0], OUTSIDE[law[0]](JOINT, law[1:])
+    assert isinstance(found, Law) and isinstance(true, Law)
+    forces = [np.asarray(one.law(replace(state(0.0), tau=t))) for one in (found, true)]
+    bent = [force - np.polyval(np.polyfit(t, force, 1), t) for force in forces]
+    assert np.std(bent[0] - bent[1]) < 0.2 * np.std(bent[1])
 
 
 @pytest.mark.parametrize(
