@@ -9,14 +9,14 @@ import numpy as np
 from ident.campaign import Array
 from ident.candidates import Candidate
 from ident.effects.base import Effect
-from ident.effects.learned import VARIABLES, learned, variable
+from ident.effects.learned import VARIABLES, Learned, learned, variable
 from ident.frf import Complex
 from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
 from symgen.forked import forked
 
 #: Knots of a learned curve: more where each record covers all of it than for a position, of which records see parts.
-KNOTS = {"velocity": 13, "torque": 17, "drive": 17, "deflection": 17, "position": 13, "friction": 13}
+KNOTS = {"velocity": 13, "torque": 17, "drive": 17, "deflection": 17, "position": 13, "friction": 13, "sliding": 13}
 #: Parts of the range of a variable: between the places where the records rest there are some that none covers.
 PARTS = 512
 #: Those of a velocity about standstill, where what rubs changes most, and of a drive's torque about none, where it is dead, as shares of the highest; times the last of these beyond which
@@ -32,7 +32,7 @@ AGAIN, LONGEST, CLOSER = 1.5, 0.2, 9
 
 
 #: A kind of curve, and the joint it is of.
-Shape = tuple[type[Effect], int]
+Shape = tuple[type[Learned], int]
 
 
 def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
@@ -72,8 +72,8 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     covered = np.concatenate([[low], 0.5 * (edges[1:] + edges[:-1])[cells > 0], [high]])
     both = [np.quantile(of, np.linspace(0.0, 1.0, PARTS), method="nearest") for of in (x, covered)]
     knots: Array = np.quantile(np.concatenate(both), share, method="nearest")
-    if name in ("velocity", "drive"):
-        about = np.outer([-1.0, 1.0], RESTING).ravel() * np.abs(x).max()
+    if name in ("velocity", "drive", "sliding"):
+        about = np.outer([-1.0, 1.0], RESTING[-2:] if name == "sliding" else RESTING).ravel() * np.abs(x).max()
         knots = np.sort(np.concatenate([knots[np.abs(knots) > BEGIN * about.max()], about]))
     if np.any(np.diff(knots) <= 1e-9 * (high - low)):
         knots = np.linspace(low, high, len(knots))

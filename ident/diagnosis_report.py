@@ -236,6 +236,7 @@ def _curve(curve: dict[str, Any], port: str) -> str:
         "friction": "dry friction that is a curve of position",
         "torque": "a curve of the load",
         "drive": "a curve of the drive's torque",
+        "sliding": "dry friction that is a curve of velocity",
     }
     again = f", again every {curve['period']:.4g} rad" if curve.get("period") else ""
     return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"

@@ -33,7 +33,7 @@ FIRST_LINES, BY_ALL = 100, 10.0
 #: Times chi^2 per degree of freedom from which a last descent began that the choosing records then leave where it went astray.
 ASTRAY = 3.0
 #: Which of the four numbers of a drive (`Parameters`: K, J_m, D, D_spring) is a slope of a curve, by port and variable.
-SLOPES = {("spring", "position"): 0, ("motor", "velocity"): 2, ("spring", "velocity"): 3}
+SLOPES = {("spring", "position"): 0, ("motor", "velocity"): 2, ("motor", "sliding"): 2, ("spring", "velocity"): 3}
 #: chi^2 of a height of a learned curve of the size of all, so that one that no record shows stays at nothing.
 UNSEEN_HEIGHT = 1e-4
 

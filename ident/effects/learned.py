@@ -12,16 +12,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ident.effects.base import Array, Effect, Law, Parameter
+from ident.effects.base import Array, Law, Parameter
 from ident.effects.motion import State, direction
 
 #: What a curve may be a function of at each port: "torque" is that of the load (a spring's is its deflection), "drive" the motor's
-#: own; "friction" is one of position, against the motion.
+#: own; "friction" is dry friction by position, "sliding" by velocity.
 VARIABLES = {
-    "motor": ("position", "velocity", "torque", "drive", "friction"),
+    "motor": ("position", "velocity", "torque", "drive", "friction", "sliding"),
     "spring": ("position", "velocity"),
-    "link": ("position", "velocity", "torque", "friction"),
+    "link": ("position", "velocity", "torque", "friction", "sliding"),
 }
+#: What is against the motion, and may stop it.
+RUBBING = ("friction", "sliding")
 #: Points at which a curve that repeats itself is tabled: straight lines between them are within 1e-3 of it.
 TABLED = 512
 
@@ -46,11 +48,11 @@ class Learned(Law):
             height = np.interp(x, self.knots, self.values) + self._beyond(x)
         else:
             height = np.interp(np.mod(x, self.period), *_tabled(self.values, self.period))
-        return -height * direction(v, at.N if self.port == "motor" else 1.0) if self.variable == "friction" else height
+        return -height * direction(v, at.N if self.port == "motor" else 1.0) if self.dry else height
 
     def _beyond(self, x: Any) -> Any:
         """What the slopes at both ends add where x is beyond them."""
-        if self.variable in ("position", "friction") and self.port != "spring":
+        if self.dry or (self.variable == "position" and self.port != "spring"):
             return 0.0
         first, last = (np.diff(self.values)[[0, -1]] / np.diff(self.knots)[[0, -1]]).tolist()
         return first * np.minimum(x - self.knots[0], 0.0) + last * np.maximum(x - self.knots[-1], 0.0)
@@ -76,12 +78,12 @@ def variable(at: State, port: str, name: str) -> tuple[Any, Any]:
         return at.tau, v
     if name == "torque":
         return (at.spring / at.N if port == "motor" else at.spring), v
-    return (v if name == "velocity" else x), v
+    return (v if name in ("velocity", "sliding") else x), v
 
 
-def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None) -> type[Effect]:
+def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None) -> type[Learned]:
     """The kind of curve with knots `at` for a port, that `repeats` itself or not: the units of its heights are the port's torque."""
-    low, high = 0.0 if variable_name == "friction" else -1e3, 1e3  # friction gives nothing back
+    low, high = 0.0 if variable_name in RUBBING else -1e3, 1e3  # friction gives nothing back
     heights = tuple(
         Parameter(f"height_{k + 1}", "Nm", low, high, (0.0,), linear=True, relative="torque") for k in range(len(at))
     )
@@ -92,6 +94,6 @@ def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: fl
         variable = variable_name
         knots = tuple(float(x) for x in at)
         period = repeats
-        dry = variable_name == "friction"
+        dry = variable_name in RUBBING
 
     return Curve

@@ -145,6 +145,21 @@ class WeakMagnet(Law):
         return -self["loss"] * x * np.abs(x)
 
 
+@final
+class FallingFriction(Law):
+    """Dry friction of the link that is lost with speed."""
+
+    name, port = "falling-friction", "link"
+    parameters = (
+        Parameter("level", "Nm", 0.0, 1.0, (0.1,), linear=True, relative="torque"),
+        Parameter("speed", "rad/s", 0.02, 5.0, (0.3,), zero=None, relative="rate"),
+    )
+
+    def law(self, at: State) -> Any:
+        level, speed = self.values
+        return -level * direction(at.q_rate) * np.exp(-np.abs(at.q_rate) / speed)
+
+
 OUTSIDE: dict[str, type[Effect]] = {
     kind.name: kind
     for kind in (
@@ -157,6 +172,7 @@ OUTSIDE: dict[str, type[Effect]] = {
         OneWayDamper,
         DeadTime,
         WeakMagnet,
+        FallingFriction,
     )
 }
 
@@ -170,5 +186,6 @@ OUTSIDE_RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "link-magnets": {"amplitude": (0.03, 0.1), "order": ("one of", 170, 230, 270), "phase": ("+-", 0.1, 3.1)},
     "one-way-damper": {"damping": (0.05, 0.3)},
     "dead-time": {"level": (0.03, 0.15), "width": (0.03, 0.3)},
+    "falling-friction": {"level": (0.05, 0.2), "speed": (0.2, 0.6)},
     "weak-magnet": {"loss": (0.02, 0.1), "at": (0.9, 1.1)},
 }  # fmt: skip

@@ -226,6 +226,23 @@ def test_a_law_that_is_steepest_at_standstill_is_drawn_to_the_noise() -> None:
     assert excess(bench(*law), fitted(bench(*law), Refit.of(tried[0][1]))) < 1.1
 
 
+def test_friction_that_is_lost_with_speed_is_drawn_with_the_motion_that_it_leaves() -> None:
+    """A curve of the velocity alone leaves 13."""
+    law = "falling-friction", 0.2, 0.03
+    best = curves(left(*law))[:2]
+    tried = refitted(bench(*law), declared(*law), [(c, left(*law)) for c in best], lambda line: None)
+    after = [fitted(bench(*law), Refit.of(one)) for _, one in tried]
+    found = min(after, key=lambda one: excess(bench(*law), one))
+    assert told(found.effects[0]) == "unknown at joint 2: sliding at the link"
+    assert excess(bench(*law), found) < 1.5 < 0.05 * excess(bench(*law), declared(*law))
+    v = np.linspace(0.01, 0.2, 50)
+    lost = np.concatenate([v, -v])
+    drawn, true = found.effects[0], OUTSIDE[law[0]](JOINT, law[1:])
+    assert isinstance(drawn, Law) and isinstance(true, Law)
+    forces = [np.asarray(one.law(replace(state(0.0), q_rate=lost))) for one in (drawn, true)]
+    assert np.abs(forces[0] - forces[1]).max() < 0.1 * law[1]
+
+
 @pytest.mark.parametrize("law", [("dead-time", 2e-3, 0.02), ("weak-magnet", 1e-3, 0.1)])
 def test_what_an_amplifier_loses_is_seen_in_the_torque_it_gives(law: tuple[Any, ...]) -> None:
     assert told(curves(left(*law))[0].effect) == "unknown at joint 2: drive at the motor"
