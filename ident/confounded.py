@@ -108,6 +108,11 @@ TABLE: dict[tuple[str, str], tuple[str, str]] = {
     ("spring-hardening", "backlash"): (
         "another amplitude, and postures where gravity winds the gear up: play vanishes there, hardening does not", "amplitude"),
     ("spring-hardening", "transmission-error"): (_SHIFTED, "shift"),
+    ("spring-hysteresis", "spring-damping"): (
+        "lines far apart in frequency, and another amplitude: what lags behind winding loses as much a turn at any speed", "amplitude"),
+    ("spring-hysteresis", "motor-hysteresis"): (_BOTH_SIDES, "lines"),
+    ("spring-hysteresis", "link-coulomb"): (_BOTH_SIDES, "lines"),
+    ("spring-hysteresis", "motor-coulomb"): (_BOTH_SIDES, "lines"),
     ("backlash", "transmission-error"): (_SHIFTED, "shift"),
     ("backlash", "link-coulomb"): (_LOADS, "postures"),
     ("backlash", "motor-coulomb"): (_LOADS, "postures"),
@@ -124,7 +129,7 @@ TABLE: dict[tuple[str, str], tuple[str, str]] = {
 FAMILIES = {
     "amplitude": (
         "motor-coulomb", "motor-stribeck", "motor-hysteresis", "motor-quadratic-drag", "link-coulomb", "spring-hardening",
-        "backlash", "load-dependent-friction", "rigid-body-coupling",
+        "spring-hysteresis", "backlash", "load-dependent-friction", "rigid-body-coupling",
     ),
     "shift": ("torque-ripple", "transmission-error", "encoder-eccentricity"),
     "others": ("base-compliance", "locked-joint-elasticity", "motor-coupling", "torque-scale"),

@@ -16,7 +16,7 @@ import numpy as np
 from ident.acting import Moved, Slid, signals, slope
 from ident.arm_model import Parameters, Sampling
 from ident.campaign import Array
-from ident.effects.base import Effect, Law
+from ident.effects.base import Effect, Law, PortLaw
 from ident.effects.motion import Motion, over_periods
 from ident.frf import Complex
 from ident.likely_motion import Force, Forces, Key, LikelyMotion
@@ -75,7 +75,9 @@ def _smoothed(
         before = on
         for key, now in before.items():
             motion = arm.moving(on)
-            here = [e for e in effects if isinstance(e, Law) and (e.port, e.joint) == (key[0], scene.arm.live[key[1]])]
+            here = [
+                e for e in effects if isinstance(e, PortLaw) and (e.port, e.joint) == (key[0], scene.arm.live[key[1]])
+            ]
             dry = [law for law in here if law.dry]
             springs = [] if dry else [law for law in here if not law.linear]
             others = [e for e in effects if e not in dry and e not in springs]
@@ -106,7 +108,7 @@ def _of(found: Mapping[Key, Array], key: Key, scene: Scene) -> Force:
 
 
 def _sliding(
-    arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces, start: Force, turns: int, last: Slid | None
+    arm: LikelyMotion, key: Key, laws: Sequence[PortLaw], motion: Motion, on: Forces, start: Force, turns: int, last: Slid | None
 ) -> tuple[Force, Slid]:  # fmt: skip
     """The force of dry `laws` at a port, of the velocity that it leaves, from `start` under the forces `on` besides, or from
     where it was found `last`.
@@ -128,7 +130,7 @@ def _sliding(
 
         def force(v: Array) -> Array:
             moved = here.moved(port, place, v)
-            forces = over_periods(lambda at: sum(law.law(at) for law in laws), moved, port, away)
+            forces = over_periods(lambda at: sum(law.over_period(at) for law in laws), moved, port, away)
             return np.asarray(-N * forces, dtype=float)
 
         return force
@@ -160,7 +162,7 @@ def _sliding(
     return best, found
 
 
-def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, on: Forces, march: bool) -> Force:
+def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[PortLaw], motion: Motion, on: Forces, march: bool) -> Force:
     """The force of `laws` at a port, of the position that it leaves, under the forces `on` besides.
 
     The best lines through force and position, force and velocity are solved for exactly, what is left of the law in turns; where
@@ -177,7 +179,7 @@ def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, 
 
     def force(x: Array, v: Array) -> Array:
         moved = state.moved(port, x, v)
-        return np.asarray(N * sum(law.law(moved) for law in laws), dtype=float)
+        return np.asarray(N * sum(law.over_period(moved) for law in laws), dtype=float)
 
     F = force(x, v)
     load = float(scene.N[joint] * scene.means[0, joint]) - on[key].mean
@@ -196,7 +198,8 @@ def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[Law], motion: Motion, 
             best, least = F, change
         if not DIVERGED * least > change > SETTLED * size:
             break
-    if march and least > SETTLED * size and np.array_equal(F, force(x, 0.0 * v)):
+    instant = all(isinstance(law, Law) for law in laws)  # of no memory
+    if march and instant and least > SETTLED * size and np.array_equal(F, force(x, 0.0 * v)):
         rest, yields = (load / K, 1.0 / K) if port == "spring" else (mean, 0.0)
         alone, gives = _by_instants(scene, x0, Y, rest, yields)
         periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[:: scene.samples // len(alone)])

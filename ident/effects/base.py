@@ -275,6 +275,13 @@ class Effect(ABC):
 class PortLaw(Effect):
     """An effect that is a torque at its port, by the motion of its joint."""
 
+    #: A linear law is an impedance in the fit, exact; a law in the simulation only.
+    linear: ClassVar[bool] = False
+
+    @abstractmethod
+    def over_period(self, at: State) -> Any:
+        """Its torque [S] at its port when the period goes on for ever: on the motor, on the link, or added to the spring's."""
+
     @abstractmethod
     def start(self) -> tuple[Callable[[State], Any], Callable[[State], None] | None]:
         """Its law in a simulation from rest; and, for a law with a memory, what has to be called at the end of each step."""
@@ -282,9 +289,6 @@ class PortLaw(Effect):
 
 class Law(PortLaw):
     """A law of the moment: its torque follows from the state of its joint, whatever was before."""
-
-    #: A linear law is an impedance in the fit, exact; a law in the simulation only.
-    linear: ClassVar[bool] = False
 
     @abstractmethod
     def law(self, at: State) -> Any:
@@ -297,6 +301,9 @@ class Law(PortLaw):
             return None
         astray = motion.astray(self.port, self.joint) if self.dry else None
         return np.asarray(over_periods(self.law, motion.state(self.joint), self.port, astray))
+
+    def over_period(self, at: State) -> Any:
+        return self.law(at)
 
     def start(self) -> tuple[Callable[[State], Any], None]:
         return self.law, None

@@ -29,6 +29,7 @@ CATALOGUE: dict[str, type[Effect]] = {
         declared.SpringDamping,
         spring.SpringHardening,
         spring.Backlash,
+        hysteresis.SpringHysteresis,
         spring.TransmissionError,
         friction.LinkViscous,
         friction.LinkCoulomb,

@@ -1,10 +1,11 @@
-"""Presliding: before it slides a dry contact is a spring that forgets (P. Dahl, Aerospace Corp. TOR-0158 (1968))."""
+"""Presliding: before it slides a dry contact is a spring that forgets (P. Dahl, Aerospace Corp. TOR-0158 (1968)). So is a
+harmonic drive that is wound (H.D. Taghirad, P.R. Belanger, Proc. 35th Conf. Decision and Control (1996))."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from math import exp
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 
@@ -12,44 +13,62 @@ from ident.effects.base import Array, Parameter, PortLaw
 from ident.effects.motion import Motion, State
 
 
-@final
-class MotorHysteresis(PortLaw):
-    """Dahl's friction on the motor: F' = (level / distance) (1 - F/level sign(omega)) omega.
+class Hysteresis(PortLaw):
+    """Dahl's friction F of a position x: F' = (level / distance) (1 - F/level sign(x')) x'.
 
     F depends on the path only: along a stretch of one direction it goes to +-level exponentially in `distance`, exactly.
     """
 
-    name, port = "motor-hysteresis", "motor"
+    #: It is against the motion of a motor, adds to the torque of a spring.
+    sign: ClassVar[float]
     parameters = (
         Parameter("level", "Nm", 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque"),
         Parameter("distance", "rad", 0.005, 5.0, (0.1, 0.5), zero=None, relative="angle"),
     )
 
     def force(self, motion: Motion) -> Array:
-        """Its torque [S] when the period goes on for ever: the recursion is affine, so its fixed point is known."""
-        level, distance = self.values
         assert self.joint is not None
-        theta = motion.signal("theta", self.joint)
-        step = np.diff(theta, prepend=theta[-1])
+        return self.over_period(motion.state(self.joint))
+
+    def over_period(self, at: State) -> Array:
+        """The recursion is affine, so its fixed point is known."""
+        level, distance = self.values
+        x = at.at(self.port)[0]
+        step = np.diff(x, prepend=x[-1])
         kept = np.exp(-np.abs(step) / distance)
         added = np.sign(step) * (1.0 - kept)
         values, left = _recursion(kept, added)
         start = values[-1] / (1.0 - left[-1]) if left[-1] < 1.0 else 0.0
-        return np.asarray(-level * (values + left * start))
+        return np.asarray(self.sign * level * (values + left * start))
 
     def start(self) -> tuple[Callable[[State], float], Callable[[State], None]]:
         level, distance = self.values
-        memory: list[float] = []  # angle and F / level where it was last asked to remember
+        memory: list[float] = []  # position and F / level where it was last asked to remember
 
-        def friction(theta: float) -> float:
-            before, F = memory or (theta, 0.0)
-            kept = exp(-abs(theta - before) / distance)
-            return kept * F + (1.0 - kept if theta > before else kept - 1.0)
+        def friction(x: float) -> float:
+            before, F = memory or (x, 0.0)
+            kept = exp(-abs(x - before) / distance)
+            return kept * F + (1.0 - kept if x > before else kept - 1.0)
 
         def remember(at: State) -> None:
-            memory[:] = [at.theta, friction(at.theta)]
+            x = at.at(self.port)[0]
+            memory[:] = [x, friction(x)]
 
-        return lambda at: -level * friction(at.theta), remember
+        return lambda at: self.sign * level * friction(at.at(self.port)[0]), remember
+
+
+@final
+class MotorHysteresis(Hysteresis):
+    """Dahl's friction on the motor."""
+
+    name, port, sign = "motor-hysteresis", "motor", -1.0
+
+
+@final
+class SpringHysteresis(Hysteresis):
+    """Dahl's friction between the ends of the spring: its torque lags behind its winding."""
+
+    name, port, sign = "spring-hysteresis", "spring", 1.0
 
 
 def _recursion(a: Array, b: Array) -> tuple[Array, Array]:

@@ -37,6 +37,7 @@ RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "spring-damping": {"damping": (0.5, 4.0)},
     "spring-hardening": {"cubic": (0.03, 0.2)},
     "backlash": {"gap": (0.2, 1.0)},
+    "spring-hysteresis": {"level": (0.05, 0.2), "distance": (0.1, 0.6)},
     "transmission-error": {"amplitude": (0.05, 0.3), "order": ("one of", 1, 2, 4), "phase": ("+-", 0.1, 3.1)},
     "link-viscous": {"damping": (0.03, 0.2)},
     "link-coulomb": {"level": (0.03, 0.2)},

@@ -143,6 +143,14 @@ def test_hysteresis_is_a_loop_of_dahl() -> None:
     assert np.abs(np.array(found[4000:]) - force).max() < 1e-9, "steady from the second period on"
 
 
+def test_a_spring_that_lags_takes_what_its_loop_encloses() -> None:
+    """1 mrad either way, three times a period: 4 level amplitude a loop less its rounded corners."""
+    law = CATALOGUE["spring-hysteresis"].of(0, {"level": 0.02, "distance": 1e-6})
+    moved = motion()
+    taken = float(np.sum(law.force(moved) * moved.signal("deflection_rate", 0)) / 4000) / 3
+    assert taken == pytest.approx(0.02 * (4e-3 - 4e-6), rel=2e-3)
+
+
 def known(name: str, q: np.ndarray) -> tuple[Known, pin.Model, pin.Data]:
     robot = load_robot(ROBOTS / name)
     chain = load_chain(robot.urdf)
