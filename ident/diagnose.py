@@ -20,6 +20,8 @@ from ident.candidates import surest
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, departures, errors, groups
+from ident.effects.base import Effect
+from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
@@ -221,9 +223,16 @@ def _little(bench: Bench, start: State, state: State) -> bool:
 
 
 def _left_over(bench: Bench, start: State, state: State, added: Sequence[Added]) -> tuple[Departure, ...]:
-    """What stays unexplained, but for the small rest that known effects may leave."""
-    little = added and _left(bench, start, state) < LEFT and excess(bench, state) < CLOSE**2
+    """What stays unexplained, but for the small rest that known effects may leave; less of it where a name needs a curve at its own port."""
+    most = CLOSE if _mended(state.effects) else CLOSE**2
+    little = added and _left(bench, start, state) < LEFT and excess(bench, state) < most
     return () if little else departures(bench, state)
+
+
+def _mended(effects: Sequence[Effect]) -> bool:
+    """Whether a named law acts where a learned curve does, too: the name may be another's."""
+    curves = {(e.port, e.joint) for e in effects if isinstance(e, Learned)}
+    return any((e.port, e.joint) in curves and not (e.declared or isinstance(e, Learned)) for e in effects)
 
 
 def _left(bench: Bench, start: State, state: State) -> float:

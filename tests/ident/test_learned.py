@@ -17,6 +17,7 @@ from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.coupled import declared_start
 from ident.curves import PARTS, _shape, curves, wave
+from ident.diagnose import _mended
 from ident.effects.base import Effect, Law
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import learned
@@ -326,3 +327,12 @@ def test_a_name_that_curves_outdo_is_drawn_as_a_curve() -> None:
     assert {e.name for e in found.effects} == {"unknown"}
     assert all(any(type(a.effect) is type(e) for a in left_over) for e in found.effects)
     assert found.select < both.select + 100.0
+
+
+def test_a_name_that_needs_a_curve_at_its_own_port_may_be_another() -> None:
+    """One of the motor beside it does not; nor does a number that is declared."""
+    curve = learned("spring", "position", [-1.0, 0.0, 1.0])(JOINT, (0.0, 0.1, 0.3))
+    play, ripple, damping = (CATALOGUE[name].of(JOINT, {}) for name in ("backlash", "torque-ripple", "spring-damping"))
+    assert _mended((play, curve))
+    assert not _mended((curve, ripple, damping))
+    assert not _mended((play, replace(curve, joint=JOINT + 1)))
