@@ -221,8 +221,7 @@ def _motion(
     N, m = arm.N, len(live)
     theta = scene.theta - on["reading"]
     theta = theta if linear.angle_gain is None else theta / linear.angle_gain
-    tau = scene.tau if linear.torque_gain is None else scene.tau * linear.torque_gain
-    tau = scene.held(tau)
+    tau = scene.acting_torque(linear.torque_gain)
     x, K = theta / N, p.K[live] + s * p.D_spring[live]
     rotor = s**2 * (N**2 * p.J_m[live]) + s * (N**2 * p.D[live])
     by_motor = N * tau + on["motor"] - rotor * x

@@ -80,6 +80,11 @@ class Sampling:
     near: int = MOST_NEAR
 
 
+def hold_gain(s: Complex, fs: float) -> Complex:
+    """What a torque held between samples is at its own line s [L]: smaller, and half a sample late."""
+    return np.asarray(-np.expm1(-s / fs) * fs / s)
+
+
 @dataclass(frozen=True)
 class Extra:
     """What acts on m live joints besides the elastic arm, at the lines [L] of a record; None: nothing.
@@ -153,9 +158,9 @@ def _held(
 ) -> tuple[Complex, Complex]:
     """`_motion` of a torque held between samples: (1 - 1/z) / Ts sum_k H(s_k) / s_k over the aliases s_k = j (w + 2 pi k fs)."""
     s, m = 2j * np.pi * sampling.f, len(arm.live)
-    rise = (-np.expm1(-s / sampling.fs) * sampling.fs)[:, None, None]
-    risen = tau * rise
-    theta, derivatives = _continuous(arm, p, s, risen / s[:, None, None], derive, extra)
+    held = tau * hold_gain(s, sampling.fs)[:, None, None]
+    risen = held * s[:, None, None]
+    theta, derivatives = _continuous(arm, p, s, held, derive, extra)
     near, powers, slopes = _by_powers(arm, p, sampling, derive)
     sums = _sums(sampling.f.tobytes(), sampling.fs, near, len(powers))
     H = (sums @ powers.reshape(len(powers), -1)).reshape(-1, m, m)

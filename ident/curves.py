@@ -19,8 +19,8 @@ from symgen.forked import forked
 KNOTS = {"velocity": 13, "torque": 17, "drive": 17, "deflection": 17, "position": 13, "friction": 13, "sliding": 13}
 #: Parts of the range of a variable: between the places where the records rest there are some that none covers.
 PARTS = 512
-#: Those of a velocity about standstill, where what rubs changes most, and of a drive's torque about none, where it is dead, as shares of the highest; times the last of these beyond which
-#: the others begin.
+#: Those of a velocity about standstill, where what rubs changes most, and of a drive's torque about none, where it is dead, as
+#: shares of the highest; times the last of these beyond which the others begin.
 RESTING, BEGIN = (0.001, 0.004, 0.012, 0.035), 1.6
 #: Highest order [per rad of the motor] of a wave of a curve that repeats itself, its harmonics; at how many places such curves
 #: are looked for, peaks there, harmonics that a peak may be, and whole parts

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.acting import motion_of
-from ident.arm_model import Parameters, Sampling, response, stiffness, transfer
+from ident.arm_model import Parameters, Sampling, hold_gain, response, stiffness, transfer
 from ident.campaign import Array
 from ident.effects.base import Effect
 from ident.effects.motion import Motion
@@ -49,8 +49,9 @@ class LikelyMotion:
     """The motion of all m live joints at all L lines as a function of the forces on them.
 
     `alone` [L, m] are the measured angles as the model predicts them without forces; `on_motor`, `on_link` [L, m, m] what these add;
-    `carried` links by motors, `yielding` links by forces on them; `gain` of the readings, `tau` the torques that act. `inside` [L] the band; `certainty` [L, m, m]
-    the inverse covariance of measured minus predicted angles, `trust` the part of these that belongs to the motion.
+    `carried` links by motors, `yielding` links by forces on them; `gain` of the readings, `tau` the torques that act.
+    `inside` [L] the band; `certainty` [L, m, m] the inverse covariance of measured minus predicted angles, `trust` the part of
+    these that belongs to the motion.
     """
 
     scene: Scene
@@ -83,10 +84,10 @@ class LikelyMotion:
         certainty = np.asarray(np.linalg.inv(of_model + np.diag(powers.angle.max(axis=0))), dtype=complex)
         inside = np.isin(wide.lines, scene.lines)
         rigid = np.zeros_like(wide.theta)
-        tau = wide.tau if linear.torque_gain is None else wide.tau * linear.torque_gain
+        tau = wide.acting_torque(linear.torque_gain)
         rigid[inside] = 0.0 if second is None else second
         return LikelyMotion(
-            wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), wide.held(tau), linear.angle_gain, rigid,
+            wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), tau, linear.angle_gain, rigid,
             inside, certainty, of_model @ certainty, tuple(effects),
         )  # fmt: skip
 
@@ -135,7 +136,7 @@ class LikelyMotion:
         of_line[scene.lines] = scene.tau
         tau = of_line[np.where(mirrored, a_period - rest, rest)]
         s = 2j * np.pi * scene.f0 * beyond
-        tau = np.where(mirrored[:, None], tau.conj(), tau) * (-np.expm1(-s / scene.fs) * scene.fs / s)[:, None]
+        tau = np.where(mirrored[:, None], tau.conj(), tau) * hold_gain(s, scene.fs)[:, None]
         arm = known(scene, self.p)
         for e in self.effects:
             gain = e.torque_gain(s, arm)

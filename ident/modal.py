@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.optimize import least_squares, nnls
 
+from ident.arm_model import hold_gain
 from ident.campaign import Array, Campaign
 from ident.errors import IdentError
 from ident.evidence import live_joints
@@ -113,9 +114,8 @@ def _scene(frf: Frf, campaign: Campaign) -> _Scene:
     tau, theta, N = frf.tau[use], frf.theta[use][:, order], campaign.N[order]
     rise, above = np.ones_like(s), np.zeros_like(s)
     if campaign.hold == "zoh":
-        Ts = 1.0 / campaign.fs
         shifts = np.delete(np.arange(-ALIASES, ALIASES + 1), ALIASES)
-        rise = -np.expm1(-s * Ts) / (Ts * s)
+        rise = hold_gain(s, campaign.fs)
         above = rise * s * np.sum(1.0 / (s[:, None] + 2j * np.pi * campaign.fs * shifts) ** 3, axis=1)
     J_m = np.where(np.isfinite(campaign.J_m[order]), campaign.J_m[order], np.inf)
     x = (theta - above[:, None] * tau[:, order] / J_m) / N

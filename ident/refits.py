@@ -13,7 +13,7 @@ from ident.arm_model import Parameters
 from ident.campaign import Array, Campaign
 from ident.coupled import DOUBTS, problem_of
 from ident.descent import Minimum, minimise
-from ident.effects.base import Effect, Law
+from ident.effects.base import Effect, PortLaw
 from ident.effects.learned import Learned
 from ident.evidence import Evidence
 from ident.parts import Split, degrees, few_lines, sampled
@@ -101,7 +101,7 @@ class Refit:
 
 def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
     """Whether a learned curve has the slope of a linear law of its port in it, too: together they could be anything."""
-    if not (isinstance(effect, Law) and effect.linear):
+    if not (isinstance(effect, PortLaw) and effect.linear):
         return False
     curves = [e for e in effects if isinstance(e, Learned) and e.variable in ("position", "velocity")]
     return any((curve.port, curve.joint) == (effect.port, effect.joint) for curve in curves)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm_model import Extra, Parameters, Posture
+from ident.arm_model import Extra, Parameters, Posture, hold_gain
 from ident.campaign import Array
 from ident.effects.base import Effect, Known
 from ident.effects.motion import CREEP
@@ -94,12 +94,10 @@ class Scene:
     def s(self) -> Complex:
         return np.asarray(2j * np.pi * self.f0 * self.lines)
 
-    def held(self, tau: Complex) -> Complex:
-        """What torques [L, m] of the motors are at their own lines, held between samples: smaller, and half a sample late."""
-        if self.hold != "zoh":
-            return tau
-        s = self.s[:, None]
-        return np.asarray(tau * (-np.expm1(-s / self.fs) * self.fs / s))
+    def acting_torque(self, gain: Complex | None) -> Complex:
+        """The torques [L, m] of the motors as they act at their own lines, behind a torque gain and held between samples."""
+        tau = self.tau if gain is None else self.tau * gain
+        return np.asarray(tau * hold_gain(self.s, self.fs)[:, None]) if self.hold == "zoh" else tau
 
     def of_live(self, impedance: Complex) -> Complex:
         """The part [S, 2m, 2m] of an impedance [S, 2n, 2n] that belongs to the live joints."""

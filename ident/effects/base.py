@@ -278,6 +278,14 @@ class PortLaw(Effect):
     #: A linear law is an impedance in the fit, exact; a law in the simulation only.
     linear: ClassVar[bool] = False
 
+    def force(self, motion: Motion) -> Array | None:
+        if self.joint is None:
+            raise IdentError(f"effect {self.name}: a law of one joint; expected one")
+        if self.linear:
+            return None
+        astray = motion.astray(self.port, self.joint) if self.dry else None
+        return np.asarray(over_periods(self.over_period, motion.state(self.joint), self.port, astray))
+
     @abstractmethod
     def over_period(self, at: State) -> Any:
         """Its torque [S] at its port when the period goes on for ever: on the motor, on the link, or added to the spring's."""
@@ -294,14 +302,6 @@ class Law(PortLaw):
     def law(self, at: State) -> Any:
         """Its torque, floats or arrays, at its port: on the motor, on the link, or added to the spring's."""
 
-    def force(self, motion: Motion) -> Array | None:
-        if self.joint is None:
-            raise IdentError(f"effect {self.name}: a law of one joint; expected one")
-        if self.linear:
-            return None
-        astray = motion.astray(self.port, self.joint) if self.dry else None
-        return np.asarray(over_periods(self.law, motion.state(self.joint), self.port, astray))
-
     def over_period(self, at: State) -> Any:
         return self.law(at)
 
@@ -315,7 +315,7 @@ _OTHERS = ("torque_gain", "angle_gain", "posture", "shares")
 
 def has_forces(effect: Effect) -> bool:
     """Whether an effect needs the motion: a law that is no impedance, a load, an error of the reading."""
-    by_law = overrides(effect, "force") and not (isinstance(effect, Law) and effect.linear)
+    by_law = overrides(effect, "force") and not (isinstance(effect, PortLaw) and effect.linear)
     return by_law or overrides(effect, "loads", "reading")
 
 

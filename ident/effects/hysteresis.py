@@ -10,7 +10,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from ident.effects.base import Array, Parameter, PortLaw
-from ident.effects.motion import Motion, State
+from ident.effects.motion import State
 
 
 class Hysteresis(PortLaw):
@@ -25,10 +25,6 @@ class Hysteresis(PortLaw):
         Parameter("level", "Nm", 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque"),
         Parameter("distance", "rad", 0.005, 5.0, (0.1, 0.5), zero=None, relative="angle"),
     )
-
-    def force(self, motion: Motion) -> Array:
-        assert self.joint is not None
-        return self.over_period(motion.state(self.joint))
 
     def over_period(self, at: State) -> Array:
         """The recursion is affine, so its fixed point is known."""

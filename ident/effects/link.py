@@ -24,9 +24,5 @@ class CableStiffness(Law):
     def law(self, at: State) -> Any:
         return -self["stiffness"] * (at.q - self["neutral"])
 
-    def force(self, motion: Any) -> None:
-        """None: it is linear, and exact as an impedance."""
-        return
-
     def impedance(self, s: Complex, arm: Known) -> Complex:
         return at_link(np.full(len(s), self["stiffness"] + 0j), self.joint, len(arm.N))
