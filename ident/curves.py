@@ -7,16 +7,17 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ident.campaign import Array
-from ident.candidates import Candidate
+from ident.candidates import Candidate, bounds, units
 from ident.effects.base import Effect
-from ident.effects.learned import VARIABLES, Learned, learned, variable
+from ident.effects.learned import OF_PLACES, VARIABLES, Learned, learned, of_place, variable
 from ident.frf import Complex
 from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
 from symgen.forked import forked
 
-#: Knots of a learned curve: more where each record covers all of it than for a position, of which records see parts.
-KNOTS = {"velocity": 13, "torque": 17, "drive": 17, "deflection": 17, "position": 13, "friction": 13, "sliding": 13}
+#: Knots of a learned curve, and of any other: more where each record covers all of it than for a position, of which records see parts.
+KNOTS = {"torque": 17, "drive": 17, "deflection": 17}
+USUAL = 13
 #: Parts of the range of a variable: between the places where the records rest there are some that none covers.
 PARTS = 512
 #: Those of a velocity about standstill, where what rubs changes most, and of a drive's torque about none, where it is dead, as
@@ -44,9 +45,10 @@ def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
         for port, names in VARIABLES.items():
             for name in names:
                 shapes.append(_shape(lin, port, joint, name))
-                if port != "spring" and name in ("position", "friction"):
+                if of_place(port, name):
                     highest = HIGHEST * _turns(lin, port, joint)
-                    seen = spectrum(lin, port, port, joint, highest, dry=name == "friction")
+                    side = "motor" if port == "spring" else port
+                    seen = spectrum(lin, port, side, joint, highest, of=name)
                     if seen is not None and seen.fall.size:
                         waves.append((float(seen.fall.max()), port, joint, name, seen))
     found = _drawn(lin, [shape for shape in shapes if shape is not None], workers)
@@ -59,20 +61,20 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     """A learned curve, half of its knots where the records are most of the time, half spread evenly over what they cover; a position's
     in the records that excite the joint: where others hold it, it hardly moves."""
     live = [(one, m) for one, m in zip(lin.problem.data, lin.motions[port], strict=True) if joint in one.scene.arm.live]
-    own = [(one, m) for one, m in live if one.excited == joint and name in ("position", "friction")]
-    here = [variable(m.state(joint), port, name)[0] for _, m in own or live]
+    own = [(one, m) for one, m in live if one.excited == joint and name in OF_PLACES]
+    here = [variable(m.state(joint), port, name) for _, m in own or live]
     if not here:
         return None
     x = np.concatenate(here)
     low, high = float(x.min()), float(x.max())
     if not high > low:
         return None
-    share = np.linspace(0.0, 1.0, KNOTS["deflection" if port == "spring" and name == "position" else name])
+    share = np.linspace(0.0, 1.0, KNOTS.get("deflection" if port == "spring" and name == "position" else name, USUAL))
     cells, edges = np.histogram(x, PARTS)
     covered = np.concatenate([[low], 0.5 * (edges[1:] + edges[:-1])[cells > 0], [high]])
     both = [np.quantile(of, np.linspace(0.0, 1.0, PARTS), method="nearest") for of in (x, covered)]
     knots: Array = np.quantile(np.concatenate(both), share, method="nearest")
-    if name in ("velocity", "drive", "sliding"):
+    if name in ("velocity", "drive", "sliding", "driven"):
         about = np.outer([-1.0, 1.0], RESTING[-2:] if name == "sliding" else RESTING).ravel() * np.abs(x).max()
         knots = np.sort(np.concatenate([knots[np.abs(knots) > BEGIN * about.max()], about]))
     if np.any(np.diff(knots) <= 1e-9 * (high - low)):
@@ -82,7 +84,7 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
 
 def _turns(lin: Linearised, port: str, joint: int) -> float:
     """Turns of the motor in one of what a motor or link port turns."""
-    return 1.0 if port == "motor" else float(abs(lin.problem.data[0].scene.N[joint]))
+    return float(abs(lin.problem.data[0].scene.N[joint])) if port == "link" else 1.0
 
 
 def _round(port: str, joint: int, name: str, count: int, order: float) -> Shape:
@@ -100,7 +102,7 @@ def _repeating(lin: Linearised, port: str, joint: int, name: str, seen: Spectrum
         shapes = [_round(port, joint, name, count, order) for order in orders if order >= AGAIN * seen.resolved]
         return max(_drawn(lin, shapes, workers), key=lambda one: one.gain, default=None)
 
-    whole = best(float(k) for k in range(1, WHOLE + 1)) if port == "motor" else None
+    whole = best(float(k) for k in range(1, WHOLE + 1)) if port != "link" else None
     other = best(peak / k for peak in seen.peaks(PEAKS_OF_WAVES) for k in range(1, MULTIPLES + 1))
     one = whole if whole and (other is None or whole.gain > AS_WELL * other.gain) else other
     return [] if one is None else [one]
@@ -132,17 +134,18 @@ def _drawn(lin: Linearised, shapes: Sequence[Shape], workers: int) -> list[Candi
 
 def _heights(lin: Linearised, kind: type[Effect], joint: int) -> tuple[Array, float]:
     """Heights of a curve that fit best to first order, and by how much chi^2 falls."""
-    units = [kind(joint, tuple(row)) for row in np.eye(len(kind.parameters)).tolist()]
-    columns: list[list[Complex | None]] = [[] for _ in units]
+    ones = [kind(joint, tuple(row)) for row in np.eye(len(kind.parameters)).tolist()]
+    columns: list[list[Complex | None]] = [[] for _ in ones]
     for one, motion, ports in zip(lin.problem.data, lin.motions[kind.port], lin.ports, strict=True):
         if joint not in one.scene.arm.live:
             for column in columns:
                 column.append(None)
             continue
-        law = np.stack([np.asarray(unit.force(motion)) for unit in units], axis=1)
+        law = np.stack([np.asarray(unit.force(motion)) for unit in ones], axis=1)
         for column, force in zip(columns, one.scene.at_lines(law).T, strict=True):
             column.append(ports[kind.port, joint] * force[:, None] if np.any(force) else None)
     if all(part is None for column in columns for part in column):
-        return np.zeros(len(units)), 0.0
+        return np.zeros(len(ones)), 0.0
     heights, gain = lin.step(columns)
-    return np.maximum(heights, kind.parameters[0].low), gain
+    low, high = np.transpose([bounds(p, u) for p, u in zip(kind.parameters, units(lin, kind, joint), strict=True)])
+    return np.clip(heights, low, high), gain

@@ -240,7 +240,8 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
     }
     if isinstance(e, Learned):
         entry["curve"] = {
-            "variable": e.variable, "knots": list(e.knots), "period": e.period, "heights": list(e.values), "unit": "Nm"
+            "variable": e.variable, "knots": list(e.knots), "period": e.period, "heights": list(e.values),
+            "unit": e.parameters[0].unit,
         }  # fmt: skip
     return entry
 

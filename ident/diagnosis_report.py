@@ -237,6 +237,11 @@ def _curve(curve: dict[str, Any], port: str) -> str:
         "torque": "a curve of the load",
         "drive": "a curve of the drive's torque",
         "sliding": "dry friction that is a curve of velocity",
+        "loaded": "dry friction that is a curve of the load",
+        "driven": "dry friction that is a curve of the drive's torque",
+        "damping": "damping that is a curve of position",
+        "gain": "a share of its torque that is a curve of position",
+        "stiffness": "stiffness that is a curve of the motor's position",
     }
     again = f", again every {curve['period']:.4g} rad" if curve.get("period") else ""
     return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"

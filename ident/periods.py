@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.campaign import Array
-from ident.effects.motion import direction
+from ident.effects.learned import factor
 from ident.trace import Linearised
 
 #: Cells of the histogram in a wave of the highest order; orders in what the range of positions resolves; powers computed.
@@ -49,12 +49,12 @@ class Spectrum:
 
 
 def spectrum(
-    lin: Linearised, port: str, side: str, joint: int, highest: float, lowest: float | None = None, dry: bool = False
+    lin: Linearised, port: str, side: str, joint: int, highest: float, lowest: float | None = None, of: str = "position"
 ) -> Spectrum | None:
     """What waves of the position of a joint at a `side` would explain, acting at a `port`, in the records that excite it.
 
-    Orders [1/rad] from the `lowest` (None: that repeats itself in what the records cover) to the `highest`; `dry`: against the
-    motion. None where nothing moves, or farther than a joint does.
+    Orders [1/rad] from the `lowest` (None: that repeats itself in what the records cover) to the `highest`; `of`: the variable of
+    a learned curve of such a wave. None where nothing moves, or farther than a joint does.
     """
     own = [k for k, one in enumerate(lin.problem.data) if one.excited == joint]
     places = [lin.motions[side][k].state(joint).at(side)[0] for k in own]
@@ -70,20 +70,15 @@ def spectrum(
     weight, powers = np.zeros(count), np.zeros(POWERS)
     for k, x in zip(own, places, strict=True):
         scene, a = lin.problem.data[k].scene, lin.ports[k][port, joint]
-        sign = against(lin, k, side, joint) if dry else np.ones_like(x)
+        moves = lin.motions["spring" if of == "stiffness" else side][k]
+        times = factor(moves.state(joint), port, of) * np.ones_like(x)
         left = scene.in_time(np.sum(a.conj() * lin.r[k], axis=1)[:, None])[:, 0]
-        weight += np.bincount(((x - low) / cell).astype(np.int64), sign * left * (2.0 / scene.samples), count)
+        weight += np.bincount(((x - low) / cell).astype(np.int64), times * left * (2.0 / scene.samples), count)
         square = np.sum(np.abs(a) ** 2, axis=1)
-        wave = scene.at_lines(sign[:, None] * np.exp(1j * x[:, None] * orders).view(float))
+        wave = scene.at_lines(times[:, None] * np.exp(1j * x[:, None] * orders).view(float))
         powers += 0.25 * (square @ np.abs(wave) ** 2).reshape(POWERS, 2).sum(axis=1)
     n = int(2 ** np.ceil(np.log2(FINE * count)))
     every = 2.0 * np.pi / (n * cell) * np.arange(n // 2)
     use = (every >= lowest) & (every <= highest)
     fall = np.abs(np.fft.fft(weight, n)[: n // 2][use]) ** 2 / np.maximum(np.interp(every[use], orders, powers), 1e-300)
     return Spectrum(every[use], fall, 2.0 * np.pi / span)
-
-
-def against(lin: Linearised, record: int, side: str, joint: int) -> Array:
-    """The sign [S] of dry friction in a record, against the motion at a side."""
-    v = lin.motions[side][record].state(joint).at(side)[1]
-    return np.asarray(-direction(v, abs(float(lin.problem.data[record].scene.N[joint])) if side == "motor" else 1.0))

@@ -38,7 +38,7 @@ HARDLY_MORE = 2.0
 #: Most effects with each of which a second one is looked for, where none does alone; share of chi^2 on the fitting records that
 #: one of these leaves at most.
 LEADERS, LEADS = 2, 0.8
-#: A learned curve needs this share of all that was in excess to be added.
+#: A learned curve needs this share of all that was in excess to be added, or to leave hardly anything where much was left.
 CURVE_SHARE = 0.05
 
 
@@ -96,7 +96,8 @@ def _entered(
         less = without(bench, new, new.effects[-1])
     state = less if less.select < state.select else state  # what is gained by a better fit is no gain of the effect
     gain = state.select - new.select
-    if not earned(bench, state, new, first) or (is_curve(best) and gain < CURVE_SHARE * first):
+    little = gain < CURVE_SHARE * first and not (excess(bench, state) > BY_ALL and excess(bench, new) <= CLOSE)
+    if not earned(bench, state, new, first) or (is_curve(best) and little):
         return None
     return new, _entry(bench, state, new, gain, tried, lin, new.effects[-1])
 

@@ -199,7 +199,7 @@ def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[PortLaw], motion: Moti
         if not DIVERGED * least > change > SETTLED * size:
             break
     instant = all(isinstance(law, Law) for law in laws)  # of no memory
-    if march and instant and least > SETTLED * size and np.array_equal(F, force(x, 0.0 * v)):
+    if march and instant and least > SETTLED * size and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
         rest, yields = (load / K, 1.0 / K) if port == "spring" else (mean, 0.0)
         alone, gives = _by_instants(scene, x0, Y, rest, yields)
         periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[:: scene.samples // len(alone)])

@@ -160,6 +160,62 @@ class FallingFriction(Law):
         return -level * direction(at.q_rate) * np.exp(-np.abs(at.q_rate) / speed)
 
 
+@final
+class PlaceDamper(Law):
+    """A damper in the bearing of the link that depends on where it is: `order` waves a turn."""
+
+    name, port = "place-damper", "link"
+    parameters = (
+        Parameter("damping", "Nms/rad", 0.0, 10.0, (0.1,), linear=True, relative="torque/rate"),
+        Parameter("order", "", 10.0, 1000.0, (200.0,), zero=None, whole=True),
+    )
+
+    def law(self, at: State) -> Any:
+        damping, order = self.values
+        return -damping * (1.0 + np.cos(order * at.q)) * at.q_rate
+
+
+@final
+class PressedFriction(Law):
+    """Dry friction of the motor that grows with the torque that it gives."""
+
+    name, port = "pressed-friction", "motor"
+    parameters = (Parameter("share", "", 0.0, 1.0, (0.1,), linear=True),)
+
+    def law(self, at: State) -> Any:
+        return -self["share"] * np.abs(at.tau) * direction(at.omega, at.N)
+
+
+@final
+class Commutation(Law):
+    """A motor that gives more of the torque asked for at some angles: a ripple that is a share of it."""
+
+    name, port = "commutation", "motor"
+    parameters = (
+        Parameter("share", "", 0.0, 1.0, (0.1,), linear=True),
+        Parameter("order", "", 1.0, 20.0, (5.0,), zero=None, whole=True),
+    )
+
+    def law(self, at: State) -> Any:
+        share, order = self.values
+        return share * np.sin(order * at.theta) * at.tau
+
+
+@final
+class MeshStiffness(Law):
+    """Teeth that share the load by turns: a spring as stiff as where the motor is."""
+
+    name, port = "mesh-stiffness", "spring"
+    parameters = (
+        Parameter("stiffness", "Nm/rad", 0.0, 1.0, (0.1,), linear=True, relative="K"),
+        Parameter("order", "", 1.0, 20.0, (2.0,), zero=None, whole=True),
+    )
+
+    def law(self, at: State) -> Any:
+        stiffness, order = self.values
+        return stiffness * np.sin(order * at.theta) * at.deflection
+
+
 OUTSIDE: dict[str, type[Effect]] = {
     kind.name: kind
     for kind in (
@@ -173,6 +229,10 @@ OUTSIDE: dict[str, type[Effect]] = {
         DeadTime,
         WeakMagnet,
         FallingFriction,
+        PlaceDamper,
+        PressedFriction,
+        Commutation,
+        MeshStiffness,
     )
 }
 
@@ -188,4 +248,8 @@ OUTSIDE_RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "dead-time": {"level": (0.03, 0.15), "width": (0.03, 0.3)},
     "falling-friction": {"level": (0.05, 0.2), "speed": (0.2, 0.6)},
     "weak-magnet": {"loss": (0.02, 0.1), "at": (0.9, 1.1)},
+    "place-damper": {"damping": (0.03, 0.15), "order": ("one of", 170, 230, 270)},
+    "pressed-friction": {"share": (0.03, 0.15)},
+    "commutation": {"share": (0.02, 0.1), "order": ("one of", 2, 3, 5)},
+    "mesh-stiffness": {"stiffness": (0.02, 0.1), "order": ("one of", 2, 4)},
 }  # fmt: skip

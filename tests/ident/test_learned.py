@@ -106,6 +106,22 @@ def test_friction_by_position_is_against_the_motion_and_gives_nothing_back() -> 
     assert [p.low for p in kind.parameters] == [0.0, 0.0]
 
 
+def test_a_curve_that_is_a_factor() -> None:
+    """Of the velocity, of the motor's own torque, of a spring's winding; what is dry grows with the load or the drive."""
+    moving = State(0.5, 3.0, 0.2, 0.5, 7.0, 1e-3, 0.0, -40.0, 100.0, 5000.0)
+    found = []
+    for port, variable in [("link", "damping"), ("motor", "gain"), ("spring", "stiffness")]:
+        law = learned(port, variable, [0.0, 1.0])(0, (2.0, 4.0))
+        assert isinstance(law, Law) and not law.dry
+        found.append(float(law.law(moving)))
+    assert found == pytest.approx([-3.0 * 7.0, 3.0 * 0.2, 3.0 * 1e-3])
+    for port, variable, expected in [("motor", "driven", -2.4), ("motor", "loaded", -2.4), ("link", "loaded", -3.0)]:
+        kind = learned(port, variable, [-50.0, 0.0, 1.0])
+        law = kind(0, (3.25, 2.0, 4.0))
+        assert isinstance(law, Law) and law.dry and kind.parameters[0].low == 0.0
+        assert float(law.law(replace(moving, spring=-40.0 if port == "link" else 20.0))) == pytest.approx(expected)
+
+
 @cache
 def bench(name: str, *values: float, rests: tuple[float, ...] = RESTS) -> Bench:
     """Short records with an effect that is in no catalogue, the same to fit, choose and report."""
@@ -141,7 +157,7 @@ def test_waves_are_looked_for_beside_dry_friction() -> None:
     """Records are told more finely where friction is found than where more is looked for."""
     end = diagnosed.diagnosis().end
     lin = linearise(end.problem, end.minimum.vector, hold(end.problem, end.minimum.vector))
-    seen = spectrum(lin, "motor", "motor", diagnosed.JOINT, 20.0, dry=True)
+    seen = spectrum(lin, "motor", "motor", diagnosed.JOINT, 20.0, of="friction")
     assert seen is not None and np.isfinite(seen.fall).all() and seen.fall.max() > 0.0
 
 
@@ -242,6 +258,35 @@ def test_friction_that_is_lost_with_speed_is_drawn_with_the_motion_that_it_leave
     assert isinstance(drawn, Law) and isinstance(true, Law)
     forces = [np.asarray(one.law(replace(state(0.0), q_rate=lost))) for one in (drawn, true)]
     assert np.abs(forces[0] - forces[1]).max() < 0.1 * law[1]
+
+
+@pytest.mark.parametrize(
+    ("law", "expected"),
+    [
+        (("place-damper", 5.0, 170.0), "damping at the link"),
+        (("commutation", 0.01, TEETH), "gain at the motor"),
+        (("mesh-stiffness", 100.0, TEETH), "stiffness at the spring"),
+        (("pressed-friction", 0.1), "driven at the motor"),
+    ],
+)
+def test_a_law_of_two_signals_is_seen_as_what_it_is(law: tuple[Any, ...], expected: str) -> None:
+    assert expected in told(curves(left(*law))[0].effect)
+
+
+def test_a_spring_as_stiff_as_where_its_motor_is_is_drawn_to_the_noise() -> None:
+    """With its stiffness, fitted besides, held: one of both is told."""
+    law = "mesh-stiffness", 100.0, TEETH
+    tried = refitted(bench(*law), declared(*law), [(curves(left(*law))[0], left(*law))], lambda line: None)
+    after = fitted(bench(*law), Refit.of(tried[0][1]))
+    assert excess(bench(*law), after) < 1.1 < 0.1 * excess(bench(*law), declared(*law))
+    found, true = after.effects[0], OUTSIDE[law[0]](JOINT, law[1:])
+    assert isinstance(found, Law) and isinstance(true, Law)
+    x = np.linspace(0.0, 2.0 * np.pi / TEETH, 50) + 100.0 * RESTS[0]
+    K = [
+        float(after.minimum.vector[JOINT]) + np.asarray(one.law(replace(state(x), deflection=1.0)))
+        for one in (found, true)
+    ]
+    assert np.abs((K[0] - K[0].mean()) - (K[1] - K[1].mean())).max() < 0.1 * law[1]
 
 
 @pytest.mark.parametrize("law", [("dead-time", 2e-3, 0.02), ("weak-magnet", 1e-3, 0.1)])
