@@ -105,8 +105,9 @@ def factor(at: State, port: str, name: str) -> Any:
 
 def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None) -> type[Learned]:
     """The kind of curve with knots `at` for a port, that `repeats` itself or not: its heights are torques at the port, or what makes them of a factor."""
-    usual = "Nm", "torque", 0.0 if variable_name in RUBBING else -1e3, 1e3  # friction gives nothing back
-    unit, relative, low, high = HEIGHTS.get(variable_name, usual)
+    unit, relative, low, high = HEIGHTS.get(variable_name, ("Nm", "torque", -1e3, 1e3))
+    if variable_name in RUBBING or (port_name, variable_name) == ("link", "damping"):
+        low = 0.0  # it gives nothing back; a motor has a damping besides, to which its curve adds
     heights = tuple(
         Parameter(f"height_{k + 1}", unit, low, high, (0.0,), linear=True, relative=relative) for k in range(len(at))
     )

@@ -115,6 +115,7 @@ def test_a_curve_that_is_a_factor() -> None:
         assert isinstance(law, Law) and not law.dry
         found.append(float(law.law(moving)))
     assert found == pytest.approx([-3.0 * 7.0, 3.0 * 0.2, 3.0 * 1e-3])
+    assert [learned(port, "damping", [0.0, 1.0]).parameters[0].low for port in ("link", "motor")] == [0.0, -1e3]
     for port, variable, expected in [("motor", "driven", -2.4), ("motor", "loaded", -2.4), ("link", "loaded", -3.0)]:
         kind = learned(port, variable, [-50.0, 0.0, 1.0])
         law = kind(0, (3.25, 2.0, 4.0))
