@@ -15,7 +15,8 @@ from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
 from symgen.forked import forked
 
-#: Knots of a learned curve, and of any other: more where each record covers all of it than for a position, of which records see parts.
+#: Knots of a learned curve, by its variable, and of any other: more where each record covers all of it than for a position, of
+#: which records see parts.
 KNOTS = {"torque": 17, "drive": 17, "deflection": 17}
 USUAL = 13
 #: Parts of the range of a variable: between the places where the records rest there are some that none covers.
