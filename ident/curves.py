@@ -9,7 +9,7 @@ import numpy as np
 from ident.campaign import Array
 from ident.candidates import Candidate, bounds, units
 from ident.effects.base import Effect
-from ident.effects.learned import OF_PLACES, VARIABLES, Learned, learned, of_place, variable
+from ident.effects.learned import KINDS, VARIABLES, Learned, learned, of_place, variable
 from ident.frf import Complex
 from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
@@ -62,7 +62,7 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     """A learned curve, half of its knots where the records are most of the time, half spread evenly over what they cover; a position's
     in the records that excite the joint: where others hold it, it hardly moves."""
     live = [(one, m) for one, m in zip(lin.problem.data, lin.motions[port], strict=True) if joint in one.scene.arm.live]
-    own = [(one, m) for one, m in live if one.excited == joint and name in OF_PLACES]
+    own = [(one, m) for one, m in live if one.excited == joint and KINDS[name].of_place]
     here = [variable(m.state(joint), port, name) for _, m in own or live]
     if not here:
         return None
@@ -75,7 +75,7 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     covered = np.concatenate([[low], 0.5 * (edges[1:] + edges[:-1])[cells > 0], [high]])
     both = [np.quantile(of, np.linspace(0.0, 1.0, PARTS), method="nearest") for of in (x, covered)]
     knots: Array = np.quantile(np.concatenate(both), share, method="nearest")
-    if name in ("velocity", "drive", "sliding", "driven"):
+    if KINDS[name].of in ("velocity", "drive"):
         about = np.outer([-1.0, 1.0], RESTING[-2:] if name == "sliding" else RESTING).ravel() * np.abs(x).max()
         knots = np.sort(np.concatenate([knots[np.abs(knots) > BEGIN * about.max()], about]))
     if np.any(np.diff(knots) <= 1e-9 * (high - low)):

@@ -8,29 +8,56 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ident.effects.base import Array, Law, Parameter
 from ident.effects.motion import State, direction
 
-#: What a curve may be a function of at each port: "torque" is that of the load (a spring's is its deflection), "drive" the motor's
-#: own; "friction" is dry friction by position, "sliding" by velocity, "loaded" by the load, "driven" by the motor's own torque;
-#: "damping" a damping by position, "gain" a share of the motor's torque; "stiffness" that of a spring by its motor's position.
+
+class Kind(NamedTuple):
+    """What a curve is a function `of` and what it is multiplied by: `times`; unit, reference and bounds of its heights, see
+    `Parameter`. A `load` is a spring's torque, a `drive` the motor's own, a `turn` the motor's angle."""
+
+    of: str
+    times: str = ""
+    unit: str = "Nm"
+    relative: str = "torque"
+    low: float = -1e3
+    high: float = 1e3
+
+    @property
+    def dry(self) -> bool:
+        """Whether it is against the motion, and may stop it."""
+        return self.times == "direction"
+
+    @property
+    def of_place(self) -> bool:
+        """Whether it is one of a place: of a spring, of its deflection."""
+        return self.of in ("position", "turn")
+
+
+#: Kinds of curves by their variable. Friction gives nothing back, a spring stays one.
+KINDS = {
+    "position": Kind("position"),
+    "velocity": Kind("velocity"),
+    "torque": Kind("load"),
+    "drive": Kind("drive"),
+    "friction": Kind("position", "direction", low=0.0),
+    "sliding": Kind("velocity", "direction", low=0.0),
+    "loaded": Kind("load", "direction", low=0.0),
+    "driven": Kind("drive", "direction", low=0.0),
+    "damping": Kind("position", "velocity", "Nms/rad", "torque/rate"),
+    "gain": Kind("position", "drive", "", "", -0.9, 9.0),
+    "stiffness": Kind("turn", "position", "Nm/rad", "K", -0.5, 2.0),
+}
+#: The variables at each port.
 VARIABLES = {
     "motor": ("position", "velocity", "torque", "drive", "friction", "sliding", "loaded", "driven", "damping", "gain"),
     "spring": ("position", "velocity", "stiffness"),
     "link": ("position", "velocity", "torque", "friction", "sliding", "loaded", "damping"),
 }
-#: What is against the motion, and may stop it.
-RUBBING = ("friction", "sliding", "loaded", "driven")
-#: Curves of a place, which may repeat themselves (a spring's position is none: its deflection).
-OF_PLACES = ("position", "friction", "damping", "gain", "stiffness")
-#: Unit of the heights, what they are relative to and their bounds where these are no torques: a spring stays one.
-HEIGHTS = {
-    "damping": ("Nms/rad", "torque/rate", -1e3, 1e3), "stiffness": ("Nm/rad", "K", -0.5, 2.0), "gain": ("", "", -0.9, 9.0),
-}  # fmt: skip
 #: Points at which a curve that repeats itself is tabled: straight lines between them are within 1e-3 of it.
 TABLED = 512
 
@@ -79,37 +106,54 @@ def _tabled(heights: Sequence[float], period: float) -> tuple[Array, Array]:
 
 
 def of_place(port: str, name: str) -> bool:
-    """Whether a curve of this variable is one of where the port is."""
-    return name in OF_PLACES and (port, name) != ("spring", "position")
+    """Whether a curve of this variable may repeat itself: one of a deflection does not."""
+    return KINDS[name].of_place and (port, name) != ("spring", "position")
 
 
 def variable(at: State, port: str, name: str) -> Any:
     """The variable of a curve at a port."""
     x, v = at.at(port)
-    if name in ("drive", "driven"):
-        return at.tau
-    if name in ("torque", "loaded"):
-        return at.spring / at.N if port == "motor" else at.spring
-    if name == "stiffness":
-        return at.theta
-    return v if name in ("velocity", "sliding") else x
+    match KINDS[name].of:
+        case "position":
+            return x
+        case "velocity":
+            return v
+        case "load":
+            return at.spring / at.N if port == "motor" else at.spring
+        case "drive":
+            return at.tau
+        case _:
+            return at.theta
 
 
 def factor(at: State, port: str, name: str) -> Any:
     """What a curve of this variable is multiplied by."""
     x, v = at.at(port)
-    if name in RUBBING:
-        return -direction(v, at.N if port == "motor" else 1.0)
-    return {"damping": -v, "gain": at.tau, "stiffness": x}.get(name, 1.0)
+    match KINDS[name].times:
+        case "direction":
+            return -direction(v, at.N if port == "motor" else 1.0)
+        case "velocity":
+            return -v
+        case "drive":
+            return at.tau
+        case "position":
+            return x
+        case _:
+            return 1.0
 
 
 def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None) -> type[Learned]:
-    """The kind of curve with knots `at` for a port, that `repeats` itself or not: its heights are torques at the port, or what makes them of a factor."""
-    unit, relative, low, high = HEIGHTS.get(variable_name, ("Nm", "torque", -1e3, 1e3))
-    if variable_name in RUBBING or (port_name, variable_name) == ("link", "damping"):
-        low = 0.0  # it gives nothing back; a motor has a damping besides, to which its curve adds
+    """The kind of curve with knots `at` for a port, that `repeats` itself or not: its heights are torques at the port, or what
+    makes torques of what it is multiplied by."""
+    kind = KINDS[variable_name]
+    only_lost = (port_name, variable_name) == (
+        "link",
+        "damping",
+    )  # a motor has a damping besides, to which its curve adds
+    low = 0.0 if only_lost else kind.low
     heights = tuple(
-        Parameter(f"height_{k + 1}", unit, low, high, (0.0,), linear=True, relative=relative) for k in range(len(at))
+        Parameter(f"height_{k + 1}", kind.unit, low, kind.high, (0.0,), linear=True, relative=kind.relative)
+        for k in range(len(at))
     )
 
     class Curve(Learned):
@@ -118,6 +162,6 @@ def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: fl
         variable = variable_name
         knots = tuple(float(x) for x in at)
         period = repeats
-        dry = variable_name in RUBBING
+        dry = kind.dry
 
     return Curve
