@@ -78,6 +78,10 @@ TABLE: dict[tuple[str, str], tuple[str, str]] = {
         "much smaller amplitudes: before it slides a contact is a spring, dry friction is not", "amplitude"),
     ("motor-stribeck", "motor-hysteresis"): (
         "much smaller amplitudes: before it slides a contact is a spring, friction that falls with speed is not", "amplitude"),
+    ("link-coulomb", "link-hysteresis"): (
+        "much smaller amplitudes: before it slides a contact is a spring, dry friction is not", "amplitude"),
+    ("motor-hysteresis", "link-hysteresis"): (_BOTH_SIDES, "lines"),
+    ("spring-hysteresis", "link-hysteresis"): (_BOTH_SIDES, "lines"),
     ("motor-coulomb", "load-dependent-friction"): (_LOADS, "postures"),
     ("motor-stribeck", "load-dependent-friction"): (_LOADS, "postures"),
     ("motor-hysteresis", "load-dependent-friction"): (_LOADS, "postures"),
@@ -113,6 +117,9 @@ TABLE: dict[tuple[str, str], tuple[str, str]] = {
     ("spring-hysteresis", "motor-hysteresis"): (_BOTH_SIDES, "lines"),
     ("spring-hysteresis", "link-coulomb"): (_BOTH_SIDES, "lines"),
     ("spring-hysteresis", "motor-coulomb"): (_BOTH_SIDES, "lines"),
+    ("spring-relaxation", "spring-damping"): (
+        "lines far below and far above where it relaxes: a damping grows with frequency, what relaxes ends as a stiffness", "lines"),
+    ("spring-relaxation", "spring-hysteresis"): (_AMPLITUDE, "amplitude"),
     ("backlash", "transmission-error"): (_SHIFTED, "shift"),
     ("backlash", "link-coulomb"): (_LOADS, "postures"),
     ("backlash", "motor-coulomb"): (_LOADS, "postures"),
@@ -128,7 +135,7 @@ TABLE: dict[tuple[str, str], tuple[str, str]] = {
 #: What an effect is like: what separates it from those that the table does not hold it against.
 FAMILIES = {
     "amplitude": (
-        "motor-coulomb", "motor-stribeck", "motor-hysteresis", "motor-quadratic-drag", "link-coulomb", "spring-hardening",
+        "motor-coulomb", "motor-stribeck", "motor-hysteresis", "motor-quadratic-drag", "link-coulomb", "link-hysteresis", "spring-hardening",
         "spring-hysteresis", "backlash", "load-dependent-friction", "rigid-body-coupling",
     ),
     "shift": ("torque-ripple", "transmission-error", "encoder-eccentricity"),
@@ -138,7 +145,7 @@ FAMILIES = {
         "attached-resonator", "torque-offset",
     ),
     "lines": (
-        "motor-viscous", "link-viscous", "spring-damping", "motor-inertia", "torque-lag", "input-delay", "time-offset",
+        "motor-viscous", "link-viscous", "spring-damping", "spring-relaxation", "motor-inertia", "torque-lag", "input-delay", "time-offset",
     ),
 }  # fmt: skip
 

@@ -61,7 +61,7 @@ class Machine:
         self._states = [replace(state) for state in arm.states]
         self._rest = [state.theta for state in arm.states]
         self._driven = [effect for effect in arm.effects if effect.driven(self._states, self._rest)]
-        self._ports, self._memories = _ports(arm, self._states)
+        self._ports, self._memories = _ports(arm, self._states, self._h)
         acting = {law.joint for law in arm.laws}
         self._moving = [(k, joint) for k, joint in enumerate(arm.live) if self._driven or joint.index in acting]
         self._W: list[list[float]] = []
@@ -212,7 +212,9 @@ class Machine:
         self._W = (rates @ np.linalg.solve(mass, pushes)).tolist()
 
 
-def _ports(arm: Injected, states: Sequence[State]) -> tuple[list[Port], list[tuple[Live, Callable[[State], None]]]]:
+def _ports(
+    arm: Injected, states: Sequence[State], step: float
+) -> tuple[list[Port], list[tuple[Live, Callable[[State], None]]]]:
     """The ports at which laws act, and what has to be remembered after each step."""
     at = {joint.index: joint for joint in arm.live}
     ports: dict[tuple[int, str], Port] = {}
@@ -220,7 +222,7 @@ def _ports(arm: Injected, states: Sequence[State]) -> tuple[list[Port], list[tup
     for law in arm.laws:
         assert law.joint is not None
         joint = at[law.joint]
-        force, remember = law.start()
+        force, remember = law.start(step)
         if remember:
             memories.append((joint, remember))
         if (law.joint, law.port) not in ports:

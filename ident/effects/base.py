@@ -286,13 +286,14 @@ class PortLaw(Effect):
         astray = motion.astray(self.port, self.joint) if self.dry else None
         return np.asarray(over_periods(self.over_period, motion.state(self.joint), self.port, astray))
 
-    @abstractmethod
     def over_period(self, at: State) -> Any:
         """Its torque [S] at its port when the period goes on for ever: on the motor, on the link, or added to the spring's."""
+        raise NotImplementedError(f"{self.name}: a linear law is an impedance in the fit")
 
     @abstractmethod
-    def start(self) -> tuple[Callable[[State], Any], Callable[[State], None] | None]:
-        """Its law in a simulation from rest; and, for a law with a memory, what has to be called at the end of each step."""
+    def start(self, step: float) -> tuple[Callable[[State], Any], Callable[[State], None] | None]:
+        """Its law in a simulation from rest, asked for in the middle of a `step` [s]; and, for a law with a memory, what has to be
+        called at the end of each."""
 
 
 class Law(PortLaw):
@@ -305,7 +306,7 @@ class Law(PortLaw):
     def over_period(self, at: State) -> Any:
         return self.law(at)
 
-    def start(self) -> tuple[Callable[[State], Any], None]:
+    def start(self, step: float) -> tuple[Callable[[State], Any], None]:
         return self.law, None
 
 

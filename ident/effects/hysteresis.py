@@ -37,7 +37,7 @@ class Hysteresis(PortLaw):
         start = values[-1] / (1.0 - left[-1]) if left[-1] < 1.0 else 0.0
         return np.asarray(self.sign * level * (values + left * start))
 
-    def start(self) -> tuple[Callable[[State], float], Callable[[State], None]]:
+    def start(self, step: float) -> tuple[Callable[[State], float], Callable[[State], None]]:
         level, distance = self.values
         memory: list[float] = []  # position and F / level where it was last asked to remember
 
@@ -65,6 +65,13 @@ class SpringHysteresis(Hysteresis):
     """Dahl's friction between the ends of the spring: its torque lags behind its winding."""
 
     name, port, sign = "spring-hysteresis", "spring", 1.0
+
+
+@final
+class LinkHysteresis(Hysteresis):
+    """Dahl's friction of the output bearing and its seals."""
+
+    name, port, sign = "link-hysteresis", "link", -1.0
 
 
 def _recursion(a: Array, b: Array) -> tuple[Array, Array]:

@@ -18,6 +18,20 @@ def at_link(z: Complex, joint: int | None, n: int) -> Complex:
     return result
 
 
+def at_spring(z: Complex, joint: int | None, n: int) -> Complex:
+    """z [S] between motor and link of a joint, nothing elsewhere."""
+    assert joint is not None
+    result = np.zeros((len(z), 2 * n, 2 * n), dtype=complex)
+    for a, b, sign in (
+        (joint, joint, 1.0),
+        (n + joint, n + joint, 1.0),
+        (joint, n + joint, -1.0),
+        (n + joint, joint, -1.0),
+    ):
+        result[:, a, b] = sign * z
+    return result
+
+
 @dataclass(frozen=True, eq=False)
 class Sprung:
     """k more coordinates, each on its own spring, that move links along: `coupling` C [k, n] and `inertia` M [k, k] in kg m2,

@@ -1,13 +1,15 @@
-"""The gear as a spring that is not linear: stiffening, play, teeth that are not where they should be."""
+"""The gear as a spring that is not the declared one: stiffening, play, creep, teeth that are not where they should be."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from math import exp
 from typing import Any, final
 
 import numpy as np
 
-from ident.effects.base import Law, Parameter
+from ident.effects.base import Complex, Known, Law, Parameter, PortLaw
+from ident.effects.impedance import at_spring
 from ident.effects.motion import State
 
 
@@ -32,6 +34,37 @@ class Backlash(Law):
     def law(self, at: State) -> Any:
         half = self["gap"] / 2
         return -at.K * np.minimum(np.maximum(at.deflection, -half), half)
+
+
+@final
+class SpringRelaxation(PortLaw):
+    """A spring that gives way while it is held wound, as rubber and flexsplines do: beside K another `stiffness` that is lost with
+    `time` (a Maxwell branch: the standard linear solid of J.D. Ferry, Viscoelastic Properties of Polymers (1980), ch. 1)."""
+
+    name, port, linear = "spring-relaxation", "spring", True
+    parameters = (
+        Parameter("stiffness", "Nm/rad", 0.0, 10.0, (0.1, 0.03), linear=True, relative="K"),
+        Parameter("time", "s", 5e-4, 20.0, (0.003, 0.01, 0.03, 0.1, 0.3), zero=None),
+    )
+
+    def impedance(self, s: Complex, arm: Known) -> Complex:
+        stiffness, time = self.values
+        return at_spring(stiffness * s * time / (1.0 + s * time), self.joint, len(arm.N))
+
+    def start(self, step: float) -> tuple[Callable[[State], float], Callable[[State], None]]:
+        """Exact where the deflection moves evenly from where it was last remembered."""
+        stiffness, time = self.values
+        memory: list[float] = []  # deflection and torque where it was last asked to remember
+
+        def torque(at: State, later: float) -> float:
+            x, F = memory or (at.deflection, 0.0)
+            kept = exp(-later / time)
+            return kept * F + stiffness * (at.deflection - x) * (1.0 - kept) * time / later
+
+        def remember(at: State) -> None:
+            memory[:] = [at.deflection, torque(at, step)]
+
+        return lambda at: torque(at, 0.5 * step), remember
 
 
 @final

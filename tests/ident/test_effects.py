@@ -133,7 +133,7 @@ def test_hysteresis_is_a_loop_of_dahl() -> None:
     swing = small.signal("theta", 0) - 30
     stiffness = -law.force(small) @ swing / np.sum(swing**2)
     assert stiffness == pytest.approx(0.02 / 0.01, rel=1e-2)
-    start, remember = law.start()
+    start, remember = law.start(1e-3)
     state = motion().state(0)
     found = []
     for theta in np.tile(motion(5.0).signal("theta", 0), 2).tolist():

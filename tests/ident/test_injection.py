@@ -81,7 +81,8 @@ NOTHING = [
     "spring-hardening:cubic=0@joint3", "backlash:gap=0@joint3", "motor-coupling:ratio=0@joint2", "torque-scale:error=0@joint3",
     "torque-lag:time=0", "input-delay:time=0", "time-offset:time=0", "encoder-eccentricity:amplitude=0@joint3",
     "joint-zero-offset:offset=0@joint3", "attached-resonator:inertia=0@joint3", "motor-viscous:damping=0@joint1",
-    "motor-hysteresis:level=0,distance=1@joint2", "spring-hysteresis:level=0,distance=1@joint2", "payload:mass=0", "gravity-stiffness:share=0",
+    "motor-hysteresis:level=0,distance=1@joint2", "spring-hysteresis:level=0,distance=1@joint2",
+    "link-hysteresis:level=0,distance=1@joint2", "spring-relaxation:stiffness=0,time=0.01@joint2", "payload:mass=0", "gravity-stiffness:share=0",
     "inertial-parameters:mass=0@joint2", "change-between-records:stiffness=0@joint3", "cable-stiffness:stiffness=0@joint3",
 ]  # fmt: skip
 
@@ -99,6 +100,7 @@ SEEN = [
     ("motor-coulomb:level=0.0006@joint3", 2, "rigid"), ("motor-stribeck:level=0.0003,peak=0.0006,speed=0.5@joint3", 2, "rigid"),
     ("motor-quadratic-drag:drag=2e-5@joint3", 2, "rigid"), ("motor-hysteresis:level=0.0006,distance=0.05@joint3", 2, "rigid"),
     ("spring-hysteresis:level=0.06,distance=2e-5@joint3", 2, "rigid"),
+    ("link-hysteresis:level=0.06,distance=2e-5@joint3", 2, "rigid"), ("spring-relaxation:stiffness=100,time=0.02@joint3", 2, "rigid"),
     ("torque-ripple:amplitude=0.0001,order=2,phase=0.3@joint3", 2, "rigid"), ("torque-scale:error=0.05@joint3", 2, "rigid"),
     ("motor-coupling:ratio=0.04@joint2", 2, "dob"),
     ("spring-hardening:cubic=1e7@joint2", 1, "rigid"), ("backlash:gap=5e-5@joint1", 0, "rigid"),
