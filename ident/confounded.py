@@ -149,11 +149,17 @@ FAMILIES = {
     ),
 }  # fmt: skip
 
+#: A machine that is not the same in all records.
+CHANGES = ("change-between-records", "drift-over-records")
+
 
 def separation(a: str, b: str, same_joint: bool = True) -> Separation:
     """Returns what tells effect `a` from effect `b`, at the same joint or at another."""
-    if "change-between-records" in (a, b):
-        other = b if a == "change-between-records" else a
+    changed = [name for name in (a, b) if name in CHANGES]
+    if len(changed) == 2 and a != b:
+        return Separation("one record again and again: what drifts goes on, what changed stays", "repeat")
+    if changed:
+        other = b if a in CHANGES else a
         return Separation(
             f"the first records once more, last: a machine that changed stays changed, {other} does not", "repeat"
         )

@@ -49,6 +49,7 @@ CATALOGUE: dict[str, type[Effect]] = {
         structure.AttachedResonator,
         structure.RigidBodyCoupling,
         declared.ChangeBetweenRecords,
+        declared.DriftOverRecords,
     )
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import exp
 from typing import final
 
 import numpy as np
@@ -135,11 +136,27 @@ def _turned(by: Array, v: Array) -> Array:
     return np.asarray(v - np.sin(angle) * (k @ v) + (1 - np.cos(angle)) * (k @ k @ v))
 
 
+class Changing(Effect):
+    """A joint that is not the same in all records: some of its numbers are others by `shares` of what they were."""
+
+    port, declared = "spring", True
+
+    def arm(self, arm: Arm, record: int) -> Arm:
+        shares = self.shares(record)
+        if not shares:
+            return arm
+        return _with_drive(
+            arm,
+            self.joint,
+            lambda d: replace(d, **{name: getattr(d, name) * (1.0 + by) for name, by in shares.items()}),
+        )
+
+
 @final
-class ChangeBetweenRecords(Effect):
+class ChangeBetweenRecords(Changing):
     """From one record on the joint is another: K, motor damping D and motor inertia J_m by shares of what they were."""
 
-    name, port, declared = "change-between-records", "spring", True
+    name = "change-between-records"
     parameters = (
         Parameter("record", "", 2.0, 1e6, (2.0,), zero=None, whole=True),
         Parameter("stiffness", "", -0.9, 10.0, (-0.1, 0.1)),
@@ -151,10 +168,19 @@ class ChangeBetweenRecords(Effect):
         first, K, D, J_m = self.values
         return {"K": K, "D": D, "J_m": J_m} if record + 1 >= first else {}
 
-    def arm(self, arm: Arm, record: int) -> Arm:
-        if not self.shares(record):
-            return arm
-        _, K, D, J_m = self.values
-        return _with_drive(
-            arm, self.joint, lambda d: replace(d, K=d.K * (1 + K), D=d.D * (1 + D), J_m=d.J_m * (1 + J_m))
-        )
+
+@final
+class DriftOverRecords(Changing):
+    """A joint that warms up, or settles: K and motor damping D go to others by shares, exponentially in so many `records`."""
+
+    name = "drift-over-records"
+    parameters = (
+        Parameter("records", "", 1.0, 1e3, (3.0, 10.0, 30.0), zero=None),
+        Parameter("stiffness", "", -0.9, 10.0, (-0.1, 0.1)),
+        Parameter("damping", "", -0.99, 100.0, (-0.5, 1.0)),
+    )
+
+    def shares(self, record: int) -> dict[str, float]:
+        records, K, D = self.values
+        gone = 1.0 - exp(-record / records)
+        return {"K": K * gone, "D": D * gone} if record else {}

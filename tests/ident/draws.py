@@ -60,6 +60,7 @@ RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
         "across": ("one of", 0, 1),
     },
     "attached-resonator": {"inertia": (0.03, 0.2), "frequency": (10.0, 80.0), "damping": (5e-5, 2e-3)},
+    "drift-over-records": {"records": (2.0, 12.0), "stiffness": ("+-", 0.03, 0.15), "damping": ("+-", 0.1, 0.5)},
     "change-between-records": {
         "stiffness": ("+-", 0.05, 0.2),
         "damping": ("+-", 0.1, 0.5),

@@ -151,6 +151,27 @@ def test_a_spring_that_lags_takes_what_its_loop_encloses() -> None:
     assert taken == pytest.approx(0.02 * (4e-3 - 4e-6), rel=2e-3)
 
 
+def test_a_joint_that_drifts_goes_to_another_one_by_records() -> None:
+    drift = CATALOGUE["drift-over-records"].of(1, {"records": 4.0, "stiffness": -0.2, "damping": 1.0})
+    assert drift.shares(0) == {}
+    assert drift.shares(4) == pytest.approx({"K": -0.2 * (1 - np.exp(-1)), "D": 1 - np.exp(-1)})
+
+
+def test_a_spring_that_relaxes_gives_what_its_impedance_says() -> None:
+    """Wound to and fro at 3 Hz, from rest for 1 s: what begins is gone by then."""
+    law = CATALOGUE["spring-relaxation"].of(0, {"stiffness": 100.0, "time": 0.05})
+    step, omega = 2e-4, 2 * np.pi * 3.0
+    torque, remember = law.start(step)
+    found = []
+    for t in np.arange(0.0, 1.0, step).tolist():
+        remember(State(*(None,) * 5, np.sin(omega * t), *(None,) * 2, N, 1.0))
+        found.append(torque(State(*(None,) * 5, np.sin(omega * (t + 0.5 * step)), *(None,) * 2, N, 1.0)))
+    last = np.arange(0.0, 1.0, step)[-1] + 0.5 * step
+    Z = law.impedance(np.array([1j * omega]), known("ypp3", np.zeros(3))[0])[0]
+    assert found[-1] == pytest.approx(np.imag(Z[0, 0] * np.exp(1j * omega * last)), rel=1e-3)
+    assert Z[[0, 3]][:, [0, 3]] == pytest.approx(Z[0, 0] * np.array([[1, -1], [-1, 1]]))
+
+
 def known(name: str, q: np.ndarray) -> tuple[Known, pin.Model, pin.Data]:
     robot = load_robot(ROBOTS / name)
     chain = load_chain(robot.urdf)

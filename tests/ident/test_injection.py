@@ -83,7 +83,7 @@ NOTHING = [
     "joint-zero-offset:offset=0@joint3", "attached-resonator:inertia=0@joint3", "motor-viscous:damping=0@joint1",
     "motor-hysteresis:level=0,distance=1@joint2", "spring-hysteresis:level=0,distance=1@joint2",
     "link-hysteresis:level=0,distance=1@joint2", "spring-relaxation:stiffness=0,time=0.01@joint2", "payload:mass=0", "gravity-stiffness:share=0",
-    "inertial-parameters:mass=0@joint2", "change-between-records:stiffness=0@joint3", "cable-stiffness:stiffness=0@joint3",
+    "inertial-parameters:mass=0@joint2", "change-between-records:stiffness=0@joint3", "drift-over-records:stiffness=0,damping=0@joint3", "cable-stiffness:stiffness=0@joint3",
 ]  # fmt: skip
 
 
@@ -204,8 +204,12 @@ def test_numbers_that_are_off_make_another_linear_arm(text: str) -> None:
     assert np.std((other.theta - clean().theta)[-1000:, 2]) > 1e-3 * np.std(clean().theta[-1000:, 2])
 
 
-def test_a_change_comes_with_its_record() -> None:
-    effect = parse("change-between-records:record=2,stiffness=-0.2@joint3", QUIET.drives)
+@pytest.mark.parametrize(
+    "text",
+    ["change-between-records:record=2,stiffness=-0.2@joint3", "drift-over-records:records=2,stiffness=-0.2@joint3"],
+)
+def test_a_change_comes_with_its_record(text: str) -> None:
+    effect = parse(text, QUIET.drives)
     cells = [("joint3", POSTURE)] * 3
     clean, changed = (map(brief, design(YPP, QUIET, cells, lock="rigid", effects=e)) for e in ([], [effect]))
     away = [
