@@ -10,6 +10,7 @@ from ident.campaign import Array
 from ident.candidates import Candidate, bounds, units
 from ident.effects.base import Effect
 from ident.effects.learned import KINDS, VARIABLES, Learned, learned, of_place, variable
+from ident.effects.response import Response, response
 from ident.frf import Complex
 from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
@@ -31,7 +32,8 @@ HIGHEST, HARMONICS, REPEATING, PEAKS_OF_WAVES, MULTIPLES, WHOLE, AS_WELL = 30.0,
 #: How often a curve that repeats itself does so in what the records cover, at least; the lowest order of a single wave, and the
 #: orders tried about a peak.
 AGAIN, LONGEST, CLOSER = 1.5, 0.2, 9
-
+#: Knots of a frequency response, few or many; share of what few leave that many leave which are taken.
+OF_FREQUENCY, MUCH_FINER = (9, 17), 0.3
 
 #: A kind of curve, and the joint it is of.
 Shape = tuple[type[Learned], int]
@@ -56,6 +58,58 @@ def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
     for _, port, joint, name, seen in sorted(waves, key=lambda wave: -wave[0])[:REPEATING]:
         found += _repeating(lin, port, joint, name, seen, workers)
     return sorted(found, key=lambda c: -c.gain)
+
+
+def responses(lin: Linearised, least: float, workers: int = 1) -> list[Candidate]:
+    """Frequency responses of every joint's torque and angle that promise more than `least`, best first; with more knots where these
+    leave much less."""
+    lin.prepare()
+    places = [(port, joint) for joint in range(lin.problem.n) for port in ("motor", "sensor")]
+    few, many = OF_FREQUENCY
+    found: list[Candidate] = []
+    coarse = [
+        (c.effect.port, int(c.effect.joint or 0), c) for c in _responding(lin, places, few, workers) if c.gain > least
+    ]
+    finer = _responding(lin, [(port, joint) for port, joint, _ in coarse], many, workers)
+    for (_, _, one), fine in zip(coarse, finer, strict=True):
+        found.append(fine if lin.chi2 - fine.gain < MUCH_FINER * (lin.chi2 - one.gain) else one)
+    return sorted(found, key=lambda c: -c.gain)
+
+
+def _responding(lin: Linearised, places: Sequence[tuple[str, int]], count: int, workers: int) -> list[Candidate]:
+    """The response with so many knots that fits best at each of the places (port, joint) that lines tell of."""
+    kinds = []
+    for port, joint in places:
+        f = [one.sampling.f[one.use] for one in lin.problem.data if joint in one.scene.arm.live]
+        if f:
+            low, high = max(np.concatenate(f).min(), 1e-6), np.concatenate(f).max()
+            kinds.append((response(port, np.geomspace(low, high, count).tolist()), joint))
+    found = []
+    for (kind, joint), (gains, fall) in zip(kinds, forked(lambda one: _gains(lin, *one), kinds, workers), strict=True):
+        effect = kind.of_gains(joint, gains)
+        sizes, delays = np.split(np.abs(effect.values), [count - 1])
+        scales = (max(float(sizes.max()), 1e-3), max(float(delays[count // 2 :].max()), 1e-6))
+        found.append(Candidate(effect, fall, tuple(np.repeat(scales, [count - 1, count]).tolist())))
+    return found
+
+
+def _gains(lin: Linearised, kind: type[Response], joint: int) -> tuple[Complex, float]:
+    """Complex gains at its knots that fit best while the arm moves on as it did, and by how much chi^2 falls."""
+    port = kind.port
+    columns: list[list[Complex | None]] = [[] for _ in 2 * kind.knots]
+    for at, one in enumerate(lin.problem.data):
+        live = one.scene.arm.live.tolist()
+        pushed: list[Complex | None] = [None] * len(kind.knots)
+        if joint in live:
+            signal = (one.scene.tau if port == "motor" else one.scene.theta)[:, live.index(joint)]
+            pushed = [lin.ports[at][port, joint] * (signal * shape)[:, None] for shape in kind.shapes(one.scene.s).T]
+        for column, push in zip(
+            columns, (*pushed, *(None if push is None else 1j * push for push in pushed)), strict=True
+        ):
+            column.append(push)
+    x, fall = lin.step(columns)
+    real, imaginary = np.split(x, 2)
+    return 1.0 + real + 1j * imaginary, fall
 
 
 def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:

@@ -8,13 +8,14 @@ import numpy as np
 
 from ident.campaign import Array
 from ident.canvas import CAD, DATA, FIT, MUTED, dots, drawing, logarithmic
+from ident.effects.response import Response
 from ident.held_out import Force, HeldOut
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Instants drawn of a law.
-INSTANTS = 600
+#: Instants drawn of a law, points of a curve.
+INSTANTS, CURVE = 600, 200
 #: Factor by which an axis reaches beyond the first and last line.
 ROOM = 1.06
 
@@ -71,6 +72,27 @@ def law_figure(force: Force) -> str:
         row[0].plot([], [], linestyle="none", marker=".", color=FIT, label="the effect")
         figure.legend(*row[0].get_legend_handles_labels(), loc="upper center", ncol=2)
         return svg("Torque at the port against its position, velocity and torque")
+
+
+def response_figure(effect: Response) -> str:
+    """Returns gain and delay of a learned frequency response as SVG, with its knots."""
+    curve = effect.curve()
+    knots = np.array(curve["knots"])
+    f = np.geomspace(knots[0], knots[-1], CURVE)
+    gain, delay = effect.at_frequencies(f)
+    with drawing(7.4, 2.6, f"response {effect.port} {effect.joint}") as (figure, svg):
+        row = figure.subplots(1, 2)
+        figure.subplots_adjust(left=0.09, right=0.985, top=0.95, bottom=0.2, wspace=0.22)
+        for axes, y, heights, name in (
+            (row[0], gain, curve["heights"], "gain"),
+            (row[1], 1e3 * delay, 1e3 * np.array(curve["delays"]), "delay [ms]"),
+        ):
+            logarithmic(axes.set_xscale, axes.xaxis)
+            axes.plot(f, y, color=FIT)
+            dots(axes, knots, np.asarray(heights), FIT, 5.0)
+            axes.set_xlabel("frequency [Hz]")
+            axes.set_ylabel(name)
+        return svg("Gain and delay against frequency")
 
 
 def _cloud(axes: Axes, x: Array, found: Array, law: Array) -> None:

@@ -239,10 +239,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
         "confounded_with": _confounded(d, e.name, e.joint, [*((t.name, t.joint) for t in added.tied), *as_good]),
     }
     if isinstance(e, Learned):
-        entry["curve"] = {
-            "variable": e.variable, "knots": list(e.knots), "period": e.period, "heights": list(e.values),
-            "unit": e.parameters[0].unit,
-        }  # fmt: skip
+        entry["curve"] = e.curve()
     return entry
 
 

@@ -11,6 +11,7 @@ from ident.deviations import NAMES
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.response import Response
 from ident.held_out import HeldOut, held_out, reconstructed
 from ident.trace import PORTS
 from ident.verdict import entry, number
@@ -133,6 +134,8 @@ def detail(verdict: dict[str, Any]) -> str:
 def meaning(effect: dict[str, Any]) -> str:
     """What an effect is, in a sentence: the first line of its class in the catalogue."""
     if effect["name"] == "unknown":
+        if _of_frequency(effect):
+            return f"What no name of the catalogue describes, learned from the records: {_values(effect)}."
         return f"A torque that no law of the catalogue describes, learned from the records as {_values(effect)}."
     if effect["name"] == "inertial-parameters" and effect["joint"] is None:
         return (
@@ -216,8 +219,13 @@ def _names(effects: list[dict[str, Any]]) -> str:
 
 
 def _named(effect: dict[str, Any]) -> str:
-    name = "a torque of unknown law" if effect["name"] == "unknown" else effect["name"]
+    unknown = "an unknown frequency response" if _of_frequency(effect) else "a torque of unknown law"
+    name = unknown if effect["name"] == "unknown" else effect["name"]
     return f"{name} at {effect['joint']}" if effect["joint"] else name
+
+
+def _of_frequency(effect: dict[str, Any]) -> bool:
+    return effect.get("curve", {}).get("variable") == "frequency"
 
 
 def _values(effect: dict[str, Any]) -> str:
@@ -243,6 +251,9 @@ def _curve(curve: dict[str, Any], port: str) -> str:
         "gain": "a share of its torque that is a curve of position",
         "stiffness": "stiffness that is a curve of the motor's position",
     }
+    if curve["variable"] == "frequency":
+        signal = "angle that is measured" if port == "sensor" else "torque that is commanded"
+        return f"gain and delay of the {signal}, as curves of frequency"
     again = f", again every {curve['period']:.4g} rad" if curve.get("period") else ""
     return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
 
@@ -274,7 +285,10 @@ def _law(d: Diagnosis, effect: Effect) -> dict[str, Markup | str] | None:
     """The figure of an effect's law, where it has a port."""
     from markupsafe import Markup
 
-    from ident.diagnosis_figures import law_figure
+    from ident.diagnosis_figures import law_figure, response_figure
+
+    if isinstance(effect, Response):
+        return {"figure": Markup(response_figure(effect)), "record": ""}
 
     force = reconstructed(d, effect)
     if force is None:

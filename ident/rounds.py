@@ -11,9 +11,22 @@ from ident.added import Added
 from ident.choice import ALIKE, TIE, Tried, best_names, chosen, is_curve, plainest, rivals, vanished
 from ident.departures import errors
 from ident.effects.base import Effect
+from ident.gains import named_gains
 from ident.minima import fully, since, told
 from ident.parts import degrees, sampled
-from ident.refits import BY_ALL, FEW_SAMPLES, FEW_TURNS, FINELY, HASTILY, Bench, State, excess, linearised, without
+from ident.refits import (
+    BY_ALL,
+    FEW_SAMPLES,
+    FEW_TURNS,
+    FINELY,
+    HASTILY,
+    Bench,
+    State,
+    excess,
+    linearised,
+    same,
+    without,
+)
 from ident.trace import Linearised, port_shares
 from ident.trials import (
     AHEAD,
@@ -50,6 +63,11 @@ def another(
     lin = linearised(state.problem, state.minimum.vector)
     best, tried = _best(bench, state, lin, first, progress, little)
     one = _entered(bench, state, best, tried, lin, first)
+    names = None if best is None else named_gains(bench, best[1], progress)
+    if names is not None and earned(bench, state, names, first):
+        new = [e for e in names.effects if all(not same(e, old) for old in state.effects)]
+        if new:
+            return names, [_entry(bench, state, names, state.select - names.select, tried, lin, e) for e in new]
     drawn = best is not None and is_curve(best)
     if one is not None and not (drawn and excess(bench, one[0]) > CLOSE**2):
         return one[0], [one[1]]

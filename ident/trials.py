@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
-from ident.curves import curves, wave
+from ident.curves import curves, responses, wave
 from ident.effects.base import Effect, Law, has_forces, only_forces, only_impedance
 from ident.minima import FALLING, LEAST_GAIN, NAMED, as_declared, elsewhere, fully, told
 from ident.parts import degrees
@@ -164,9 +164,15 @@ def _finer(bench: Bench, state: State, progress: Callable[[str], None]) -> State
 
 
 def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
-    """The likeliest learned curves beyond a model, hastily refitted."""
-    drawn = [c for c in curves(lin, bench.workers)[:CURVES] if c.gain > LEAST_SHARE * _left(state, lin)]
-    return refitted(bench, state, [(c, lin) for c in drawn], progress)
+    """The likeliest learned curves beyond a model, hastily refitted; frequency responses that promise more than any law, from the
+    declared arm, too, if the fit is very far off."""
+    laws, least = curves(lin, bench.workers)[:CURVES], LEAST_SHARE * _left(state, lin)
+    ahead = responses(lin, max([least, *(c.gain for c in laws)]), bench.workers)[:CURVES]
+    drawn = [(c, lin) for c in [*laws, *ahead] if c.gain > least]
+    if ahead and excess(bench, state) > BENT:
+        declared = linearised(state.problem, as_declared(bench, state))
+        drawn += [(c, declared) for c in responses(declared, 0.0, bench.workers)[:CURVES]]
+    return refitted(bench, state, drawn, progress)
 
 
 def _from_declared(bench: Bench, state: State, found: Effect | None, progress: Callable[[str], None]) -> list[Tried]:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ident.effects.base import Array, Law, Parameter
+from ident.effects.base import Array, Effect, Law, Parameter
 from ident.effects.motion import State, direction
 
 
@@ -62,19 +62,30 @@ VARIABLES = {
 TABLED = 512
 
 
-class Learned(Law):
-    """A torque that follows a curve of a `variable` of the port, its heights at `knots` the parameters: straight between them.
+class Learned(Effect):
+    """A curve of a `variable`, whose heights at `knots` are its parameters; with a `period` it repeats itself."""
+
+    name = "unknown"
+    variable: ClassVar[str]
+    knots: ClassVar[tuple[float, ...]]
+    period: ClassVar[float | None] = None
+
+    def curve(self) -> dict[str, Any]:
+        """The curve in plain numbers; `at` is the knot of every parameter."""
+        return {
+            "variable": self.variable, "knots": list(self.knots), "period": self.period, "heights": list(self.values),
+            "unit": self.parameters[0].unit, "at": list(self.knots),
+        }  # fmt: skip
+
+
+class LearnedLaw(Learned, Law):
+    """A torque that follows a curve of what the port does: straight between its knots.
 
     Beyond its ends a curve goes on as steeply, so that it does not matter what of a slope is told by a damping or a stiffness
     besides; one of a place, of which nothing is known where nobody was, stays as high.
     With a `period` the curve repeats itself, knots are one period's, evenly spread, and the curve is the smoothest one through
     them: their Fourier series.
     """
-
-    name = "unknown"
-    variable: ClassVar[str]
-    knots: ClassVar[tuple[float, ...]]
-    period: ClassVar[float | None]
 
     def law(self, at: State) -> Any:
         x = variable(at, self.port, self.variable)
@@ -142,7 +153,7 @@ def factor(at: State, port: str, name: str) -> Any:
             return 1.0
 
 
-def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None) -> type[Learned]:
+def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None) -> type[LearnedLaw]:
     """The kind of curve with knots `at` for a port, that `repeats` itself or not: its heights are torques at the port, or what
     makes torques of what it is multiplied by."""
     kind = KINDS[variable_name]
@@ -156,7 +167,7 @@ def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: fl
         for k in range(len(at))
     )
 
-    class Curve(Learned):
+    class Curve(LearnedLaw):
         port = port_name
         parameters = heights
         variable = variable_name

@@ -1,6 +1,7 @@
 """Effects that are in no catalogue: written for tests only, so that a diagnosis meets what nobody has named for it.
 
-Every one is a torque that follows from what its port does; so a learned curve has a chance where no name has.
+All but one are torques that follow from what their port does, and that one is a filter; so a learned curve has a chance where no
+name has.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import Any, final
 
 import numpy as np
 
-from ident.effects.base import Effect, Law, Parameter
+from ident.effects.base import Effect, Law, Parameter, Path
 from ident.effects.motion import State, direction
 
 
@@ -216,6 +217,17 @@ class MeshStiffness(Law):
         return stiffness * np.sin(order * at.theta) * at.deflection
 
 
+@final
+class CurrentLoop(Effect):
+    """A current loop of second order, critically damped."""
+
+    name, port = "current-loop", "motor"
+    parameters = (Parameter("time", "s", 0.0, 0.05, (1e-3,)),)
+
+    def path(self) -> Path:
+        return Path(lags=(self["time"], self["time"]))
+
+
 OUTSIDE: dict[str, type[Effect]] = {
     kind.name: kind
     for kind in (
@@ -233,6 +245,7 @@ OUTSIDE: dict[str, type[Effect]] = {
         PressedFriction,
         Commutation,
         MeshStiffness,
+        CurrentLoop,
     )
 }
 
@@ -251,5 +264,6 @@ OUTSIDE_RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "place-damper": {"damping": (0.03, 0.15), "order": ("one of", 170, 230, 270)},
     "pressed-friction": {"share": (0.03, 0.15)},
     "commutation": {"share": (0.02, 0.1), "order": ("one of", 2, 3, 5)},
+    "current-loop": {"time": (2e-4, 1e-3)},
     "mesh-stiffness": {"stiffness": (0.02, 0.1), "order": ("one of", 2, 4)},
 }  # fmt: skip

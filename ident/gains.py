@@ -1,0 +1,65 @@
+"""Names in the place of a frequency response: what a drive or an encoder does is often two of them, which it can play alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from ident.candidates import Candidate, best_of
+from ident.choice import ALIKE, Tried, left_by
+from ident.effects.base import Effect
+from ident.effects.catalogue import CATALOGUE
+from ident.effects.response import Response
+from ident.minima import LEAST_GAIN, NAMED, fully, told
+from ident.parts import degrees
+from ident.refits import Bench, State, excess, linearised, some
+from ident.trace import Linearised
+from ident.trials import refitted
+from symgen.forked import forked
+
+
+def named_gains(bench: Bench, state: State, progress: Callable[[str], None]) -> State | None:
+    """The model with two named gains of a joint in the place of its last effect, a frequency response, and of all other gains
+    there, if they leave as little; None if they do not."""
+    curve = state.effects[-1]
+    if not isinstance(curve, Response):
+        return None
+    plain, lin = _without_gains(bench, state, curve.joint)
+    tried: list[Tried] = []
+    for _, lead in refitted(bench, plain, _likely(bench, lin, curve.joint, ()), progress):
+        there = linearised(lead.problem, lead.minimum.vector)
+        tried += refitted(bench, lead, _likely(bench, there, curve.joint, lead.effects), progress)
+    if not tried:
+        return None
+    best = fully(bench, min(tried, key=left_by)[1])
+    dof = degrees(bench.split.select)
+    limit = max(state.select + max(LEAST_GAIN, ALIKE * (state.select - dof)), NAMED * dof)
+    progress(
+        f"  instead of {told(curve)}, {' and '.join(told(e) for e in best.effects[-2:])}: {excess(bench, best):.4g}"
+    )
+    return best if best.select <= limit else None
+
+
+def _is_gain(kind: type[Effect]) -> bool:
+    return kind.torque_gain is not Effect.torque_gain or kind.angle_gain is not Effect.angle_gain
+
+
+def _without_gains(bench: Bench, state: State, joint: int | None) -> tuple[State, Linearised]:
+    """The model without the gains of a joint, the arm left as it is, and what is linearised there."""
+    less = some(state, [k for k, e in enumerate(state.effects) if e.joint != joint or not _is_gain(type(e))])
+    problem = bench.problem(state.problem.data, less.effects, less.scales, less.limits)
+    plain = replace(state, effects=less.effects, scales=less.scales, limits=less.limits)
+    return plain, linearised(problem, less.vector)
+
+
+def _likely(
+    bench: Bench, lin: Linearised, joint: int | None, taken: Sequence[Effect]
+) -> list[tuple[Candidate, Linearised]]:
+    """Every gain of the catalogue at a joint that is not `taken`, as it fits best to first order."""
+    there = {(e.name, e.joint) for e in taken}
+    kinds = [
+        kind for kind in CATALOGUE.values() if _is_gain(kind) and kind.injectable and (kind.name, joint) not in there
+    ]
+    lin.prepare()
+    found = forked(lambda kind: best_of(lin, kind, joint), kinds, bench.workers)
+    return [(c, lin) for c in found if c is not None]

@@ -1,0 +1,108 @@
+"""Frequency responses of a drive or an encoder that nobody named, and names in their place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from outside import OUTSIDE
+
+from ident.bench import simulate
+from ident.campaign_model import model_of_campaign
+from ident.curves import responses
+from ident.diagnose import Begun, begin
+from ident.effects.base import Effect, Known
+from ident.effects.catalogue import CATALOGUE
+from ident.effects.response import Response, response
+from ident.frf import estimate
+from ident.gains import named_gains
+from ident.minima import told
+from ident.refits import Refit, State, excess, fitted, linearised
+from ident.trials import refitted
+from symgen.plan import chain_of_robot, plan_of_robot
+from symgen.robot import load_robot
+
+ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
+JOINT, KNOTS = 1, [1.0, 3.0, 10.0, 30.0]
+LOOP, LAG, DELAY = OUTSIDE["current-loop"], CATALOGUE["torque-lag"], CATALOGUE["input-delay"]
+
+
+def known() -> Known:
+    one = np.ones(3)
+    return Known(one, one, one, one, one, np.eye(3), 0.0 * one, 1000.0)
+
+
+def test_a_response_goes_through_its_gains_and_delays() -> None:
+    effect = response("motor", KNOTS)(JOINT, (0.1, -0.2, 0.3, 1e-3, 2e-3, 1e-3, 0.0))
+    s = 2j * np.pi * np.array(KNOTS)
+    gain = effect.torque_gain(s, known())
+    expected = np.exp([0.0, 0.1, -0.2, 0.3] - s * np.array([1e-3, 2e-3, 1e-3, 0.0]))
+    np.testing.assert_allclose(gain[:, JOINT], expected, rtol=1e-12)
+    np.testing.assert_array_equal(gain[:, [0, 2]], 1.0)
+    assert effect.angle_gain(s, known()) is None
+    again = type(effect).of_gains(JOINT, expected)
+    np.testing.assert_allclose(again.values, effect.values, atol=1e-12)
+
+
+def test_a_response_of_the_encoder_and_beyond_its_knots() -> None:
+    """Gain and delay stay as they are; a response of -s is the conjugate."""
+    effect = response("sensor", KNOTS)(JOINT, (0.1, -0.2, 0.3, 1e-3, 2e-3, 1e-3, 4e-3))
+    gain = effect.angle_gain(2j * np.pi * np.array([0.0, 0.1, 300.0, -300.0]), known())
+    assert gain is not None
+    assert gain[:2, JOINT] == pytest.approx([1.0, np.exp(-2j * np.pi * 1e-4)])
+    assert gain[2, JOINT] == pytest.approx(np.exp(0.3 - 2j * np.pi * 1.2)) == np.conj(gain[3, JOINT])
+    assert effect.torque_gain(np.ones(2) * 1j, known()) is None
+
+
+def test_a_curve_of_frequency_is_told_in_gains_and_delays() -> None:
+    curve = response("motor", KNOTS)(JOINT, (0.0, np.log(0.5), 0.0, 1e-3, 2e-3, 1e-3, 0.0)).curve()
+    assert curve["knots"] == KNOTS and curve["variable"] == "frequency"
+    assert curve["heights"] == pytest.approx([1.0, 1.0, 0.5, 1.0]) and curve["delays"] == [1e-3, 2e-3, 1e-3, 0.0]
+    assert curve["at"] == [3.0, 10.0, 30.0, *KNOTS]
+
+
+@cache
+def begun(*effects: Effect) -> Begun:
+    """Short records of an arm with these effects."""
+    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells]
+    campaign = simulate(chain_of_robot(SHORT), SHORT, cells, effects=list(effects), workers=1, seed=5)
+    frfs = tuple(estimate(record, campaign) for record in campaign.records)
+    model, _ = model_of_campaign(campaign, frfs, True, "coupled")
+    return begin(campaign, model, frfs)
+
+
+@cache
+def drawn(*effects: Effect) -> State:
+    """The arm with the better of the two frequency responses that promise most."""
+    one = begun(*effects)
+    declared = linearised(one.start.problem, one.bench.guess.vector())
+    tried = refitted(one.bench, one.start, [(c, declared) for c in responses(declared, 0.0)[:2]], lambda line: None)
+    best = min((state for _, state in tried), key=lambda state: state.select)
+    return fitted(one.bench, Refit.of(best))
+
+
+def test_a_current_loop_of_second_order_is_drawn_to_the_noise() -> None:
+    """To 1 % of the torque from 5 Hz; slower, these short records hardly tell."""
+    loop = LOOP(JOINT, (1e-3,))
+    state = drawn(loop)
+    assert excess(begun(loop).bench, state) < 1.2 < 1e-2 * excess(begun(loop).bench, begun(loop).start)
+    (found,) = state.effects
+    assert isinstance(found, Response) and told(found) == "unknown at joint 2: frequency at the motor"
+    s = 2j * np.pi * np.geomspace(5.0, found.knots[-1], 50)
+    np.testing.assert_allclose(found.response(s), 1.0 / (1.0 + 1e-3 * s) ** 2, atol=0.01)
+
+
+def test_two_names_take_the_place_of_a_response_that_they_make() -> None:
+    lag, delay = LAG(JOINT, (1e-3,)), DELAY(JOINT, (1e-3,))
+    found = named_gains(begun(lag, delay).bench, drawn(lag, delay), lambda line: None)
+    assert found is not None and {e.name for e in found.effects} == {"torque-lag", "input-delay"}
+    assert [e.values[0] for e in found.effects] == pytest.approx([1e-3, 1e-3], rel=0.02)
+
+
+def test_no_two_names_take_the_place_of_one_that_they_do_not_make() -> None:
+    loop = LOOP(JOINT, (1e-3,))
+    assert named_gains(begun(loop).bench, drawn(loop), lambda line: None) is None
