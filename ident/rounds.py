@@ -56,10 +56,10 @@ CURVE_SHARE = 0.05
 
 
 def another(
-    bench: Bench, state: State, first: float, progress: Callable[[str], None], little: bool
+    bench: Bench, state: State, first: float, progress: Callable[[str], None], little: bool, pairs: bool = True
 ) -> tuple[State, list[Added]] | None:
-    """The model with one effect more, if any earns it, or two that do together; `first` is chi^2 on the choosing records before
-    any was added. Where `little` is left, only of those that promise most of it."""
+    """The model with one effect more, if any earns it, or with `pairs` two that do together; `first` is chi^2 on the choosing records
+    before any was added. Where `little` is left, only of those that promise most of it."""
     lin = linearised(state.problem, state.minimum.vector)
     best, tried = _best(bench, state, lin, first, progress, little)
     one = _entered(bench, state, best, tried, lin, first)
@@ -71,7 +71,11 @@ def another(
     drawn = best is not None and is_curve(best)
     if one is not None and not (drawn and excess(bench, one[0]) > CLOSE**2):
         return one[0], [one[1]]
-    two = None if little or excess(bench, state) < BY_ALL else _two(bench, state, tried, lin, first, progress)
+    two = (
+        None
+        if little or not pairs or excess(bench, state) < BY_ALL
+        else _two(bench, state, tried, lin, first, progress)
+    )
     if one is not None and (two is None or one[0].select <= two[0].select):
         return one[0], [one[1]]
     return two
