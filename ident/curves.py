@@ -66,18 +66,19 @@ def responses(lin: Linearised, least: float, workers: int = 1) -> list[Candidate
     lin.prepare()
     places = [(port, joint) for joint in range(lin.problem.n) for port in ("motor", "sensor")]
     few, many = OF_FREQUENCY
-    found: list[Candidate] = []
-    coarse = [
-        (c.effect.port, int(c.effect.joint or 0), c) for c in _responding(lin, places, few, workers) if c.gain > least
+    coarse = [(place, one) for place, one in _responding(lin, places, few, workers) if one.gain > least]
+    finer = _responding(lin, [place for place, _ in coarse], many, workers)
+    found = [
+        fine if lin.chi2 - fine.gain < MUCH_FINER * (lin.chi2 - one.gain) else one
+        for (_, one), (_, fine) in zip(coarse, finer, strict=True)
     ]
-    finer = _responding(lin, [(port, joint) for port, joint, _ in coarse], many, workers)
-    for (_, _, one), fine in zip(coarse, finer, strict=True):
-        found.append(fine if lin.chi2 - fine.gain < MUCH_FINER * (lin.chi2 - one.gain) else one)
     return sorted(found, key=lambda c: -c.gain)
 
 
-def _responding(lin: Linearised, places: Sequence[tuple[str, int]], count: int, workers: int) -> list[Candidate]:
-    """The response with so many knots that fits best at each of the places (port, joint) that lines tell of."""
+def _responding(
+    lin: Linearised, places: Sequence[tuple[str, int]], count: int, workers: int
+) -> list[tuple[tuple[str, int], Candidate]]:
+    """The response with so many knots that fits best at each of the places (port, joint) that lines tell of, with its place."""
     kinds = []
     for port, joint in places:
         f = [one.sampling.f[one.use] for one in lin.problem.data if joint in one.scene.arm.live]
@@ -89,7 +90,8 @@ def _responding(lin: Linearised, places: Sequence[tuple[str, int]], count: int, 
         effect = kind.of_gains(joint, gains)
         sizes, delays = np.split(np.abs(effect.values), [count - 1])
         scales = (max(float(sizes.max()), 1e-3), max(float(delays[count // 2 :].max()), 1e-6))
-        found.append(Candidate(effect, fall, tuple(np.repeat(scales, [count - 1, count]).tolist())))
+        candidate = Candidate(effect, fall, tuple(np.repeat(scales, [count - 1, count]).tolist()))
+        found.append(((kind.port, joint), candidate))
     return found
 
 

@@ -188,10 +188,9 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         departs = _departs(bench, state) or (not added and _suspect(bench, state))
         if not departs or (little and excess(bench, state) <= NAMED):
             break
-        by_lines = not bench.split.note and _may_bend(
-            bench, start, state
-        )  # is what there is left to do: no need of pairs here
-        step = another(bench, state, start.select, progress, little, not by_lines)
+        # a model that may bend is tried by lines next: pairs are looked for there
+        pairs = bool(bench.split.note) or not _may_bend(bench, start, state)
+        step = another(bench, state, start.select, progress, little, pairs)
         if step is None:
             break
         state, more = step

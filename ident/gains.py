@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 from ident.candidates import Candidate, best_of
 from ident.choice import ALIKE, Tried, left_by
-from ident.effects.base import Effect
+from ident.effects.base import Effect, overrides
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.response import Response
 from ident.minima import LEAST_GAIN, NAMED, fully, told
 from ident.parts import degrees
-from ident.refits import Bench, State, excess, linearised, some
+from ident.refits import Bench, State, excess, linearised, standing
 from ident.trace import Linearised
 from ident.trials import refitted
 from symgen.forked import forked
+
+#: What makes an effect a gain of its joint.
+GAINS = ("torque_gain", "angle_gain")
 
 
 def named_gains(bench: Bench, state: State, progress: Callable[[str], None]) -> State | None:
@@ -24,7 +26,8 @@ def named_gains(bench: Bench, state: State, progress: Callable[[str], None]) -> 
     curve = state.effects[-1]
     if not isinstance(curve, Response):
         return None
-    plain, lin = _without_gains(bench, state, curve.joint)
+    others = [k for k, e in enumerate(state.effects) if e.joint != curve.joint or not overrides(e, *GAINS)]
+    plain, lin = standing(bench, state, others)
     tried: list[Tried] = []
     for _, lead in refitted(bench, plain, _likely(bench, lin, curve.joint, ()), progress):
         there = linearised(lead.problem, lead.minimum.vector)
@@ -40,25 +43,15 @@ def named_gains(bench: Bench, state: State, progress: Callable[[str], None]) -> 
     return best if best.select <= limit else None
 
 
-def _is_gain(kind: type[Effect]) -> bool:
-    return kind.torque_gain is not Effect.torque_gain or kind.angle_gain is not Effect.angle_gain
-
-
-def _without_gains(bench: Bench, state: State, joint: int | None) -> tuple[State, Linearised]:
-    """The model without the gains of a joint, the arm left as it is, and what is linearised there."""
-    less = some(state, [k for k, e in enumerate(state.effects) if e.joint != joint or not _is_gain(type(e))])
-    problem = bench.problem(state.problem.data, less.effects, less.scales, less.limits)
-    plain = replace(state, effects=less.effects, scales=less.scales, limits=less.limits)
-    return plain, linearised(problem, less.vector)
-
-
 def _likely(
     bench: Bench, lin: Linearised, joint: int | None, taken: Sequence[Effect]
 ) -> list[tuple[Candidate, Linearised]]:
     """Every gain of the catalogue at a joint that is not `taken`, as it fits best to first order."""
     there = {(e.name, e.joint) for e in taken}
     kinds = [
-        kind for kind in CATALOGUE.values() if _is_gain(kind) and kind.injectable and (kind.name, joint) not in there
+        kind
+        for kind in CATALOGUE.values()
+        if overrides(kind, *GAINS) and kind.injectable and (kind.name, joint) not in there
     ]
     lin.prepare()
     found = forked(lambda kind: best_of(lin, kind, joint), kinds, bench.workers)

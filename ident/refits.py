@@ -192,6 +192,19 @@ def some(state: State, keep: Sequence[int]) -> Refit:
     return Refit(vector, effects, scales, limits)
 
 
+def standing(bench: Bench, state: State, keep: Sequence[int]) -> tuple[State, Linearised]:
+    """The model with those of its effects at these places, the arm left as it is, and what is linearised there."""
+    less = some(state, keep)
+    plain = replace(state, effects=less.effects, scales=less.scales, limits=less.limits)
+    problem = bench.problem(state.problem.data, less.effects, less.scales, less.limits)
+    return plain, linearised(problem, less.vector)
+
+
+def but_last(state: State) -> range:
+    """The places of all effects but the last."""
+    return range(len(state.effects) - 1)
+
+
 def instead(state: State, old: Effect, other: State) -> Refit:
     """The model to be refitted with the last effect of `other` in the place of one of its own."""
     parts = [(other, -1) if same(e, old) else (state, k) for k, e in enumerate(state.effects)]

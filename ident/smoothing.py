@@ -16,7 +16,7 @@ import numpy as np
 from ident.acting import Moved, Slid, signals, slope
 from ident.arm_model import Parameters, Sampling
 from ident.campaign import Array
-from ident.effects.base import Effect, Law, PortLaw
+from ident.effects.base import Effect, Law, PeriodicLaw
 from ident.effects.motion import Motion, over_periods
 from ident.frf import Complex
 from ident.likely_motion import Force, Forces, Key, LikelyMotion
@@ -76,7 +76,9 @@ def _smoothed(
         for key, now in before.items():
             motion = arm.moving(on)
             here = [
-                e for e in effects if isinstance(e, PortLaw) and (e.port, e.joint) == (key[0], scene.arm.live[key[1]])
+                e
+                for e in effects
+                if isinstance(e, PeriodicLaw) and (e.port, e.joint) == (key[0], scene.arm.live[key[1]])
             ]
             dry = [law for law in here if law.dry]
             springs = [] if dry else [law for law in here if not law.linear]
@@ -108,7 +110,7 @@ def _of(found: Mapping[Key, Array], key: Key, scene: Scene) -> Force:
 
 
 def _sliding(
-    arm: LikelyMotion, key: Key, laws: Sequence[PortLaw], motion: Motion, on: Forces, start: Force, turns: int, last: Slid | None
+    arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, start: Force, turns: int, last: Slid | None
 ) -> tuple[Force, Slid]:  # fmt: skip
     """The force of dry `laws` at a port, of the velocity that it leaves, from `start` under the forces `on` besides, or from
     where it was found `last`.
@@ -162,7 +164,9 @@ def _sliding(
     return best, found
 
 
-def _yielding(arm: LikelyMotion, key: Key, laws: Sequence[PortLaw], motion: Motion, on: Forces, march: bool) -> Force:
+def _yielding(
+    arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, march: bool
+) -> Force:
     """The force of `laws` at a port, of the position that it leaves, under the forces `on` besides.
 
     The best lines through force and position, force and velocity are solved for exactly, what is left of the law in turns; where

@@ -21,9 +21,11 @@ from ident.refits import (
     Refit,
     State,
     all_fitted,
+    but_last,
     excess,
     fitted,
     linearised,
+    standing,
 )
 from ident.trace import Linearised
 from symgen.forked import forked
@@ -353,7 +355,7 @@ def _other_whole(bench: Bench, state: State, progress: Callable[[str], None]) ->
     effect = state.effects[-1]
     if not any(p.whole for p in effect.parameters):
         return state
-    plain, lin = _standing(bench, state)
+    plain, lin = standing(bench, state, but_last(state))
     refits = [_with(bench, plain, candidate, lin) for candidate in otherwise(lin, effect)]
     best = min(all_fitted(bench, refits), key=lambda other: other.select, default=state)
     if best.select >= state.select:
@@ -363,21 +365,13 @@ def _other_whole(bench: Bench, state: State, progress: Callable[[str], None]) ->
     return best if best.select < state.select else state
 
 
-def _standing(bench: Bench, state: State) -> tuple[State, Linearised]:
-    """The model without its last effect, the arm left as it is, and what is linearised there."""
-    count = len(state.effects[-1].values)
-    plain = replace(state, effects=state.effects[:-1], scales=state.scales[:-count], limits=state.limits[:-count])
-    problem = bench.problem(state.problem.data, plain.effects, plain.scales, plain.limits)
-    return plain, linearised(problem, state.minimum.vector[:-count])
-
-
 def plainer(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
     """A force that was fitted, or one of fewer parameters at its place that does as much: nobody tries that where the other is far
     ahead of all that promised most."""
     effect = one[1].effects[-1]
     if not has_forces(effect) or len(effect.values) < 2:
         return one
-    plain, lin = _standing(bench, one[1])
+    plain, lin = standing(bench, one[1], but_last(one[1]))
     names = catalogue(lin, plain.effects, bench.workers, at=(effect.port, effect.joint))
     likely = [c for c in names if len(c.effect.values) < len(effect.values) and c.gain > LIKELY * _left(plain, lin)]
     tried = [(c, fully(bench, new)) for c, new in refitted(bench, plain, [(c, lin) for c in likely], progress)]
@@ -390,7 +384,7 @@ def of_any_order(bench: Bench, one: Tried, progress: Callable[[str], None]) -> T
     effect = one[1].effects[-1]
     if all(p.name != "order" for p in effect.parameters) or effect.joint is None or excess(bench, one[1]) > CLOSE:
         return one
-    plain, lin = _standing(bench, one[1])
+    plain, lin = standing(bench, one[1], but_last(one[1]))
     waves = [wave(lin, port, effect.joint, effect["order"] + NEXT, bench.workers) for port in ("motor", "link")]
     tried = refitted(bench, plain, [(c, lin) for c in waves if c is not None], progress)
     best = min(tried, key=left_by, default=one)

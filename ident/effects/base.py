@@ -278,6 +278,15 @@ class PortLaw(Effect):
     #: A linear law is an impedance in the fit, exact; a law in the simulation only.
     linear: ClassVar[bool] = False
 
+    @abstractmethod
+    def start(self, step: float) -> tuple[Callable[[State], Any], Callable[[State], None] | None]:
+        """Its law in a simulation from rest, asked for in the middle of a `step` [s]; and, for a law with a memory, what has to be
+        called at the end of each."""
+
+
+class PeriodicLaw(PortLaw):
+    """A law whose torque over a period is known when that goes on for ever: what a fit needs of one that is not linear."""
+
     def force(self, motion: Motion) -> Array | None:
         if self.joint is None:
             raise IdentError(f"effect {self.name}: a law of one joint; expected one")
@@ -286,17 +295,12 @@ class PortLaw(Effect):
         astray = motion.astray(self.port, self.joint) if self.dry else None
         return np.asarray(over_periods(self.over_period, motion.state(self.joint), self.port, astray))
 
+    @abstractmethod
     def over_period(self, at: State) -> Any:
         """Its torque [S] at its port when the period goes on for ever: on the motor, on the link, or added to the spring's."""
-        raise NotImplementedError(f"{self.name}: a linear law is an impedance in the fit")
-
-    @abstractmethod
-    def start(self, step: float) -> tuple[Callable[[State], Any], Callable[[State], None] | None]:
-        """Its law in a simulation from rest, asked for in the middle of a `step` [s]; and, for a law with a memory, what has to be
-        called at the end of each."""
 
 
-class Law(PortLaw):
+class Law(PeriodicLaw):
     """A law of the moment: its torque follows from the state of its joint, whatever was before."""
 
     @abstractmethod
@@ -320,9 +324,10 @@ def has_forces(effect: Effect) -> bool:
     return by_law or overrides(effect, "loads", "reading")
 
 
-def overrides(effect: Effect, *hooks: str) -> bool:
-    """Whether an effect does anything by one of these methods."""
-    return any(getattr(type(effect), hook) is not getattr(Effect, hook) for hook in hooks)
+def overrides(effect: Effect | type[Effect], *hooks: str) -> bool:
+    """Whether an effect, or all of a kind, does anything by one of these methods."""
+    kind = effect if isinstance(effect, type) else type(effect)
+    return any(getattr(kind, hook) is not getattr(Effect, hook) for hook in hooks)
 
 
 def only_forces(effect: Effect) -> bool:

@@ -9,11 +9,11 @@ from typing import ClassVar, final
 
 import numpy as np
 
-from ident.effects.base import Array, Parameter, PortLaw
+from ident.effects.base import Array, Parameter, PeriodicLaw
 from ident.effects.motion import State
 
 
-class Hysteresis(PortLaw):
+class Hysteresis(PeriodicLaw):
     """Dahl's friction F of a position x: F' = (level / distance) (1 - F/level sign(x')) x'.
 
     F depends on the path only: along a stretch of one direction it goes to +-level exponentially in `distance`, exactly.

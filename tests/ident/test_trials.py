@@ -108,7 +108,7 @@ def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
     refits = {likely[0].effect.name: likely, unlikely[0].effect.name: unlikely}
     plain = SimpleNamespace(effects=())
     BENCH.workers = 1
-    monkeypatch.setattr(ident.trials, "_standing", lambda bench, state: (plain, None))
+    monkeypatch.setattr(ident.trials, "standing", lambda bench, state, keep: (plain, None))
     monkeypatch.setattr(ident.trials, "_left", lambda state, lin: 100.0)
     monkeypatch.setattr(ident.trials, "catalogue", lambda *of, at: [likely[0], unlikely[0]])
     monkeypatch.setattr(
@@ -135,7 +135,7 @@ def test_a_wave_that_is_not_whole_in_a_turn_of_the_motor_has_no_name(
 ) -> None:
     found = one(name, left)
     BENCH.workers = 1
-    monkeypatch.setattr(ident.trials, "_standing", lambda bench, state: (None, None))
+    monkeypatch.setattr(ident.trials, "standing", lambda bench, state, keep: (None, None))
     monkeypatch.setattr(ident.trials, "wave", lambda lin, port, *of: port)
     monkeypatch.setattr(ident.trials, "refitted", lambda bench, state, short, _: [one(CURVE, hastily) for _ in short])
     monkeypatch.setattr(ident.trials, "fully", lambda bench, state: one(CURVE, fully)[1])
