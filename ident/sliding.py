@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
@@ -26,8 +27,8 @@ NEARLY, CLOSER, SHARES, CLOSE = 0.1, 4, (1.0, 0.5, 0.25), 1e-4
 LEFT, KRYLOV, RESTARTS = 1e-2, 60, 4
 #: Steps to the velocity at which a law has a force, each along a tangent as wide as this share of the velocities.
 TANGENTS, TANGENT = 12, 1e-6
-#: Share of the largest torque to which that force is found.
-MET = 1e-9
+#: Share of the largest torque to which that force is found; least slope of force and line, as a share of that of the line.
+MET, STEEP = 1e-9, 1e-3
 #: Samples that are not there yet are looked at alone when they are less than this share.
 FEWER, EVERYWHERE = 0.7, slice(None)
 
@@ -76,12 +77,12 @@ def in_turns(
     gives[beyond] = Y[-1] * scene.lines[-1] / harmonics[beyond]
     if driven is not None:
         alone += gives * driven * (S / 2)
-    v, slope, force = starts[0] / g, np.zeros(S), np.zeros_like(alone)
+    met, force = Meeting(friction, g, reach, starts[0] / g, starts[0], np.zeros(S)), np.zeros_like(alone)
 
     def turn(w: Array) -> Array:
         """By how much w changes."""
-        nonlocal v, slope, force
-        v, slope = _met(friction, g, w, v, reach)
+        nonlocal force
+        v = met.goes(w)
         f = w - g * v
         left = np.fft.rfft(f - g * v)
         v_lines = (alone - gives * left) / (1.0 + g * gives)
@@ -94,7 +95,8 @@ def in_turns(
     change, w = min(turned, key=lambda one: norm(one[0]) / (norm(one[0] + one[1]) + 1e-300))
     w = w + change
     w, left = _mixed(turn, w, turns, SLID * float(norm(w)))
-    f = w - g * v
+    v, f = met.v, w - g * met.v
+    slope = _slope(friction(EVERYWHERE), v)
     if turns >= TURNS and SLID < left < NEARLY:
         v, f, slope = _closer(friction(EVERYWHERE), np.fft.irfft(alone, S), gives, v, slope)
         force = np.fft.rfft(f)
@@ -125,7 +127,7 @@ def _closer(
                 break
         else:
             break
-        v, f, left, slope = there, f_there, left_there, _slope(friction, there, f_there)
+        v, f, left, slope = there, f_there, left_there, _slope(friction, there)
         if norm(left) < CLOSE * norm(v):
             break
     return v, f, slope
@@ -138,10 +140,10 @@ def _along_tangent(yielded: Callable[[Array], Array], slope: Array, left: Array)
     return np.asarray(gmres(whole, left, rtol=LEFT, restart=KRYLOV, maxiter=RESTARTS)[0])
 
 
-def _slope(friction: Callable[[Array], Array], v: Array, f: Array) -> Array:
-    """The slope of `friction` [S] at velocities v, where it is f."""
+def _slope(friction: Callable[[Array], Array], v: Array) -> Array:
+    """The slope of `friction` [S] at velocities v."""
     h = _tangent(v)
-    return (friction(v + h) - f) / h
+    return (friction(v + h) - friction(v)) / h
 
 
 def _tangent(v: Array) -> float:
@@ -176,28 +178,46 @@ def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) 
     return w, float(norm(change) / (norm(w) + 1e-300))
 
 
-def _met(friction: Friction, g: float, w: Array, v: Array, reach: float) -> tuple[Array, Array]:
-    """Velocities [S] where friction(v) + g v = w, from `v`, and the slope of friction there; Newton's steps, kept in a bracket:
-    friction is against v beyond `reach`. Only where it is not met yet are more made."""
-    low, high = np.minimum(w / g, -reach), np.maximum(w / g, reach)
-    v = np.clip(v, low, high)
-    h = _tangent(v)
-    small = MET * float(np.abs(w).max())
-    slope = np.zeros_like(w)
-    where: Where = EVERYWHERE
-    for _ in range(TANGENTS):
-        at, lowest, highest, force = v[where], low[where], high[where], friction(where)
-        f = force(at)
-        error = f + g * at - w[where]
-        low[where] = lowest = np.where(error < 0.0, at, lowest)
-        high[where] = highest = np.where(error > 0.0, at, highest)
-        slope[where] = tangent = (force(at + h) - f) / h
-        step = at - error / np.maximum(tangent + g, 1e-3 * g)
-        inside = (step >= lowest) & (step <= highest)  # it may be there already
-        v[where] = np.where(inside, step, 0.5 * (lowest + highest))
-        far = np.flatnonzero(np.abs(error) >= small)
-        if not len(far):
-            break
-        if len(far) < FEWER * len(w):
-            where = far if isinstance(where, slice) else where[far]
-    return v, slope
+@dataclass
+class Meeting:
+    """Velocities `v` [S] where `friction`(v) + g v is `w` [S], and about the slope of friction there: from one w to the next.
+
+    Friction is against v beyond `reach`.
+    """
+
+    friction: Friction
+    g: float
+    reach: float
+    v: Array
+    w: Array
+    slope: Array
+
+    def goes(self, w: Array) -> Array:
+        """The velocities for another w: Newton's steps, kept in a bracket, the first one along the slopes known already; more are made
+        only where it is not met yet."""
+        g, v, slope = self.g, self.v, self.slope
+        low, high = np.minimum(w / g, -self.reach), np.maximum(w / g, self.reach)
+        v, more = np.clip(v, low, high), w - self.w
+        low, high = np.where(more > 0.0, v, low), np.where(more < 0.0, v, high)
+        v = np.clip(v + more / np.maximum(slope + g, STEEP * g), low, high)
+        h = _tangent(v)
+        small = MET * float(np.abs(w).max())
+        where: Where = EVERYWHERE
+        for _ in range(TANGENTS):
+            force, at = self.friction(where), v[where]
+            f = force(at)
+            error = f + g * at - w[where]
+            far = np.flatnonzero(np.abs(error) >= small)
+            if not len(far):
+                break
+            if len(far) < FEWER * len(at):
+                where = far if isinstance(where, slice) else where[far]
+                force, at, f, error = self.friction(where), at[far], f[far], error[far]
+            lowest, highest = np.where(error < 0.0, at, low[where]), np.where(error > 0.0, at, high[where])
+            low[where], high[where] = lowest, highest
+            slope[where] = tangent = (force(at + h) - f) / h
+            step = at - error / np.maximum(tangent + g, STEEP * g)
+            inside = (step >= lowest) & (step <= highest)  # it may be there already
+            v[where] = np.where(inside, step, 0.5 * (lowest + highest))
+        self.v, self.w = v, w
+        return v

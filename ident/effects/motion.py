@@ -147,7 +147,7 @@ class Astray:
 
     def when(self, samples: Any) -> Astray:
         """The same at some of the samples."""
-        return Astray(self.mean[samples], self.apart[:, samples], self.most[samples])
+        return Astray(self.mean[samples], self.apart.take(samples, axis=1), self.most[samples])
 
 
 def over_periods(law: Callable[[State], Any], at: State, port: str, astray: Astray | None) -> Any:
@@ -162,8 +162,6 @@ def over_periods(law: Callable[[State], Any], at: State, port: str, astray: Astr
     force = np.array(law(at.moved(port, position, velocity)))
     creep = CREEP * (abs(at.N) if port == "motor" else 1.0)
     near = np.flatnonzero((np.abs(velocity) < NEAR * creep + astray.most) & (astray.most > APART * creep))
-    every = np.tile(near, len(astray.apart))
-    faster = velocity[every] + astray.apart[:, near].ravel()
-    forces = np.asarray(law(at.when(every).moved(port, position[every], faster)))
-    force[near] = forces.reshape(len(astray.apart), len(near)).mean(axis=0)
+    forces = law(at.when(near).moved(port, position[near], velocity[near] + astray.apart.take(near, axis=1)))
+    force[near] = np.broadcast_to(forces, (len(astray.apart), len(near))).mean(axis=0)
     return force

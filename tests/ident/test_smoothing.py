@@ -23,7 +23,7 @@ from ident.effects.spring import Backlash, SpringHardening
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.scene import Scene
-from ident.sliding import TURNS, _met, in_turns
+from ident.sliding import TURNS, Meeting, in_turns
 from ident.smoothing import _by_instants
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
@@ -97,9 +97,23 @@ def test_a_velocity_at_which_friction_is_met_already_stays() -> None:
     rng = np.random.default_rng(0)
     v, more, g, slope = *rng.normal(0.0, 1e-4, (2, 5000)), 3.0, 10.0
     w = np.nextafter(slope * v + more + g * v, np.inf)
-    found, tangent = _met(lambda where: lambda x: slope * x + more[where], g, w, v, 0.05)
-    assert np.abs(found - v).max() < 1e-9
-    assert tangent == pytest.approx(slope, rel=1e-4)
+    met = Meeting(lambda where: lambda x: slope * x + more[where], g, 0.05, v.copy(), w, np.zeros(5000))
+    assert np.abs(met.goes(w) - v).max() < 1e-9
+
+
+def test_friction_is_met_wherever_the_velocity_was_before() -> None:
+    """From one w to the next, near and far, by friction that falls with speed and is not the same at all samples."""
+    rng = np.random.default_rng(1)
+    level, g = rng.uniform(0.5, 2.0, 4000), 5.0
+
+    def friction(where):
+        return lambda v: level[where] * np.tanh(v / 0.01) * (1.0 + 0.5 * np.exp(-((v / 0.3) ** 2)))
+
+    w = np.sin(np.linspace(0.0, 20.0, 4000))
+    met = Meeting(friction, g, 0.0, w / g, w, np.zeros(4000))
+    for size in (1.0, 1.01, 5.0, 0.3, 40.0, 40.0001):
+        v = met.goes(size * w)
+        assert np.abs(friction(slice(None))(v) + g * v - size * w).max() < 1e-8 * size
 
 
 def test_the_force_of_friction_is_met_at_one_place_however_it_is_damped() -> None:
