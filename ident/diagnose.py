@@ -29,7 +29,8 @@ from ident.minima import NAMED, afresh, elsewhere, settled
 from ident.parts import Split, degrees, few_lines, sampled, split, split_lines
 from ident.refits import FEW_SAMPLES, Bench, State, all_fitted, excess, first, linearised, same, some
 from ident.rounds import another
-from ident.trials import CLOSE, ENOUGH, explains, winds_up
+from ident.trials import BENT, CLOSE, ENOUGH, explains, winds_up
+from ident.unbent import unbent
 from symgen.plan import Model
 
 #: Effects added at most.
@@ -183,6 +184,8 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
     state = begun_afresh = start
     added: list[Added] = []
     progress(f"the declared arm: chi2 {excess(bench, state):.3g} a degree of freedom")
+    if excess(bench, state) > BENT:
+        bench = unbent(bench, state, progress)
     for _ in range(MOST_EFFECTS):
         little = bool(added) and _little(bench, start, state)
         departs = _departs(bench, state) or (not added and _suspect(bench, state))

@@ -43,7 +43,8 @@ UNSEEN_HEIGHT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """The tools of one diagnosis: how to make a problem of records and effects, and the weights of the choosing records."""
+    """The tools of one diagnosis: how to make a problem of records and effects, from which arm on; numbers of the arm are held to it as
+    `firm` as chi^2 by steps of their size."""
 
     campaign: Campaign
     model: Model
@@ -51,6 +52,7 @@ class Bench:
     split: Split
     guess: Parameters
     workers: int
+    firm: float = 0.0
 
     def problem(
         self, data: tuple[Evidence, ...], effects: Sequence[Effect], scales: Sequence[float], limits: Sequence[tuple[float, float]],
@@ -62,8 +64,9 @@ class Bench:
         free[problem.base :] = ~np.array(held, dtype=bool)
         free[_drawn_besides(effects, problem.n)] = False
         weights = [1.0 if p.aside else UNSEEN_HEIGHT * isinstance(e, Learned) for e in effects for p in e.parameters]
-        weight = np.concatenate([np.zeros(problem.base), weights])
-        expected = (np.zeros(len(weight)), weight) if weight.any() else None
+        weight = np.concatenate([np.full(problem.base, self.firm), weights])
+        centre = np.concatenate([self.guess.vector(), np.zeros(len(weights))])
+        expected = (centre, weight) if weight.any() else None
         return replace(problem, free=free, turns=turns, workers=self.workers, expected=expected)
 
 

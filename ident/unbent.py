@@ -1,0 +1,51 @@
+"""The arm by the records that one joint's own excitation does not disturb: a far better start than one that its effect has bent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ident.arm_model import Parameters
+from ident.campaign import Array
+from ident.parts import united
+from ident.refits import FIRST_LINES, Bench, Refit, State, excess, fitted
+from symgen.forked import forked
+
+#: chi^2 that a number of the arm costs which is off by all of its size: no record may show it without a joint excited.
+FIRM = 1.0
+#: Share of the excess of all records, and of those without any other joint's, that is left without those of the joint that bends
+#: the arm; records that are enough for one.
+FAR_LESS, ENOUGH = 0.1, 4
+
+
+def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench:
+    """The bench with the arm that the records tell in which one joint is held, in place of the declared one, if they fit far
+    better than others: what is missing acts at that joint, and where it is held it hardly moves it."""
+    joints = sorted({one.excited for one in bench.split.fit + bench.split.select})
+    benches = [(joint, _without(bench, joint)) for joint in joints]
+    told = [(joint, one) for joint, one in benches if len(one.split.fit) >= ENOUGH]
+
+    def work(one: Bench) -> tuple[float, Array]:
+        state = fitted(one, Refit(bench.guess.vector(), (), (), (), lines=FIRST_LINES))
+        return excess(one, state), state.minimum.vector
+
+    found = forked(work, [one for _, one in told], bench.workers)
+    left = [(least, joint, vector) for (joint, _), (least, vector) in zip(told, found, strict=True)]
+    left.sort(key=lambda one: one[0])
+    if not left or left[0][0] > FAR_LESS * min([excess(bench, start), *(least for least, _, _ in left[1:])]):
+        return bench
+    least, joint, vector = left[0]
+    progress(f"  without records of joint {joint + 1} the arm leaves {least:.3g}: from there")
+    n, D = bench.model.chain.n, len(bench.guess.alpha)
+    own = joint + n * np.arange(4)  # of its drive these records tell what is missing, too
+    vector[own] = bench.guess.vector()[own]
+    return replace(bench, guess=Parameters.of(vector, n, D))
+
+
+def _without(bench: Bench, joint: int) -> Bench:
+    """The bench of the records, those that fit and those that choose, that excite other joints; the arm lightly held to the declared
+    one."""
+    told = tuple(one for one in united(*bench.split.fit, *bench.split.select) if one.excited != joint)
+    return replace(bench, split=replace(bench.split, fit=told, select=told), firm=FIRM)

@@ -1,0 +1,49 @@
+"""The arm by records in which a joint is held: of what is missing at that joint it knows next to nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ident.bench import simulate
+from ident.diagnose import Begun, begin
+from ident.effects.catalogue import parse
+from ident.frf import estimate
+from ident.refits import excess
+from ident.unbent import unbent
+from symgen.plan import chain_of_robot, make_model, plan_of_robot
+from symgen.robot import load_robot
+
+YPP3 = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+ROBOT = replace(YPP3, experiment=replace(YPP3.experiment, f0=1.0, periods=4))
+CHAIN = chain_of_robot(ROBOT)
+
+
+def begun(*effects: str) -> Begun:
+    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(ROBOT).cells] * 2
+    parsed = [parse(text, [ROBOT.drive(name) for name in CHAIN.names]) for text in effects]
+    campaign = simulate(CHAIN, ROBOT, cells, effects=parsed, workers=1, seed=11)
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    return begin(campaign, make_model(CHAIN, believe_zeros=True), responses)
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_what_bends_the_arm_at_one_joint_is_left_out_with_its_records(joint: int) -> None:
+    found, said = begun(f"spring-hardening:cubic=3e9@joint{joint + 1}"), list[str]()
+    bench, start, n = found.bench, found.start, CHAIN.n
+    off = replace(bench, guess=replace(bench.guess, K=bench.guess.K * [1.1, 0.9, 1.05]))  # what is declared is not so
+    better = unbent(off, start, said.append)
+    others = [k for k in range(n) if k != joint]
+    assert excess(bench, start) > 100.0 and f"without records of joint {joint + 1}" in said[0]
+    assert np.abs(better.guess.K[others] / bench.guess.K[others] - 1.0).max() < 0.02
+    assert better.guess.K[joint] == off.guess.K[joint]
+    assert np.isfinite(better.guess.vector()).all() and better.split is bench.split and better.firm == 0.0
+
+
+def test_an_arm_that_nothing_bends_or_something_everywhere_stays_as_declared() -> None:
+    for effects in ((), ("torque-lag:time=2e-3@joint1", "torque-lag:time=2e-3@joint2", "torque-lag:time=2e-3@joint3")):
+        found = begun(*effects)
+        assert unbent(found.bench, found.start, lambda line: None) is found.bench
