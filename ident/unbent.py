@@ -18,6 +18,8 @@ FIRM = 1.0
 #: Share of the excess of all records, and of those without any other joint's, that is left without those of the joint that bends
 #: the arm; records that are enough for one.
 FAR_LESS, ENOUGH = 0.1, 4
+#: A stiffness or motor inertia of that joint which is farther from the declared one [log] is not believed, nor is a damping.
+DOUBTED = 0.2
 
 
 def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench:
@@ -39,8 +41,10 @@ def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench
     least, joint, vector = left[0]
     progress(f"  without records of joint {joint + 1} the arm leaves {least:.3g}: from there")
     n, D = bench.model.chain.n, len(bench.guess.alpha)
-    own = joint + n * np.arange(4)  # of its drive these records tell what is missing, too
-    vector[own] = bench.guess.vector()[own]
+    declared = bench.guess.vector()
+    own = joint + n * np.arange(4)  # of its drive these records tell little, or what is missing, too
+    off = own[(own >= 2 * n) | (np.abs(vector[own] - declared[own]) > DOUBTED)]
+    vector[off] = declared[off]
     return replace(bench, guess=Parameters.of(vector, n, D))
 
 

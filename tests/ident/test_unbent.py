@@ -13,7 +13,7 @@ from ident.diagnose import Begun, begin
 from ident.effects.catalogue import parse
 from ident.frf import estimate
 from ident.refits import excess
-from ident.unbent import unbent
+from ident.unbent import DOUBTED, unbent
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -39,7 +39,7 @@ def test_what_bends_the_arm_at_one_joint_is_left_out_with_its_records(joint: int
     others = [k for k in range(n) if k != joint]
     assert excess(bench, start) > 100.0 and f"without records of joint {joint + 1}" in said[0]
     assert np.abs(better.guess.K[others] / bench.guess.K[others] - 1.0).max() < 0.02
-    assert better.guess.K[joint] == off.guess.K[joint]
+    assert abs(np.log(better.guess.K[joint] / off.guess.K[joint])) <= DOUBTED
     assert np.isfinite(better.guess.vector()).all() and better.split is bench.split and better.firm == 0.0
 
 
