@@ -43,8 +43,10 @@ UNSEEN_HEIGHT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """The tools of one diagnosis: how to make a problem of records and effects, from which arm on; numbers of the arm are held to it as
-    `firm` as chi^2 by steps of their size."""
+    """The tools of one diagnosis: how to make a problem of records and effects, and the weights of the choosing records.
+
+    The arm that is fitted begins at `guess`; chi^2 grows by `firm` where a number of it is off by all of its size.
+    """
 
     campaign: Campaign
     model: Model

@@ -96,7 +96,9 @@ def in_turns(
     w = w + change
     w, left = _mixed(turn, w, turns, SLID * float(norm(w)))
     v, f = met.v, w - g * met.v
-    slope = _slope(friction(EVERYWHERE), v)
+    slope = _slope(
+        friction(EVERYWHERE), v, friction(EVERYWHERE)(v)
+    )  # not f: a tangent is narrower than what is missing
     if turns >= TURNS and SLID < left < NEARLY:
         v, f, slope = _closer(friction(EVERYWHERE), np.fft.irfft(alone, S), gives, v, slope)
         force = np.fft.rfft(f)
@@ -127,7 +129,7 @@ def _closer(
                 break
         else:
             break
-        v, f, left, slope = there, f_there, left_there, _slope(friction, there)
+        v, f, left, slope = there, f_there, left_there, _slope(friction, there, f_there)
         if norm(left) < CLOSE * norm(v):
             break
     return v, f, slope
@@ -140,10 +142,10 @@ def _along_tangent(yielded: Callable[[Array], Array], slope: Array, left: Array)
     return np.asarray(gmres(whole, left, rtol=LEFT, restart=KRYLOV, maxiter=RESTARTS)[0])
 
 
-def _slope(friction: Callable[[Array], Array], v: Array) -> Array:
-    """The slope of `friction` [S] at velocities v."""
+def _slope(friction: Callable[[Array], Array], v: Array, f: Array) -> Array:
+    """The slope of `friction` [S] at velocities v, where it is f."""
     h = _tangent(v)
-    return (friction(v + h) - friction(v)) / h
+    return (friction(v + h) - f) / h
 
 
 def _tangent(v: Array) -> float:

@@ -16,8 +16,8 @@ from symgen.forked import forked
 #: chi^2 that a number of the arm costs which is off by all of its size: no record may show it without a joint excited.
 FIRM = 1.0
 #: Share of the excess of all records, and of those without any other joint's, that is left without those of the joint that bends
-#: the arm; records that are enough for one.
-FAR_LESS, ENOUGH = 0.1, 4
+#: the arm; fewest records that tell one.
+FAR_LESS, FEWEST = 0.1, 4
 #: A stiffness or motor inertia of that joint which is farther from the declared one [log] is not believed, nor is a damping.
 DOUBTED = 0.2
 
@@ -26,19 +26,18 @@ def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench
     """The bench with the arm that the records tell in which one joint is held, in place of the declared one, if they fit far
     better than others: what is missing acts at that joint, and where it is held it hardly moves it."""
     joints = sorted({one.excited for one in bench.split.fit + bench.split.select})
-    benches = [(joint, _without(bench, joint)) for joint in joints]
-    told = [(joint, one) for joint, one in benches if len(one.split.fit) >= ENOUGH]
+    benches = {joint: _without(bench, joint) for joint in joints}
+    told = {joint: one for joint, one in benches.items() if len(one.split.fit) >= FEWEST}
 
     def work(one: Bench) -> tuple[float, Array]:
         state = fitted(one, Refit(bench.guess.vector(), (), (), (), lines=FIRST_LINES))
         return excess(one, state), state.minimum.vector
 
-    found = forked(work, [one for _, one in told], bench.workers)
-    left = [(least, joint, vector) for (joint, _), (least, vector) in zip(told, found, strict=True)]
-    left.sort(key=lambda one: one[0])
+    found = forked(work, list(told.values()), bench.workers)
+    left = sorted(((*one, joint) for joint, one in zip(told, found, strict=True)), key=lambda one: one[0])
     if not left or left[0][0] > FAR_LESS * min([excess(bench, start), *(least for least, _, _ in left[1:])]):
         return bench
-    least, joint, vector = left[0]
+    least, vector, joint = left[0]
     progress(f"  without records of joint {joint + 1} the arm leaves {least:.3g}: from there")
     n, D = bench.model.chain.n, len(bench.guess.alpha)
     declared = bench.guess.vector()
