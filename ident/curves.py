@@ -18,7 +18,7 @@ from symgen.forked import forked
 
 #: Knots of a learned curve, by its variable, and of any other: more where each record covers all of it than for a position, of
 #: which records see parts.
-KNOTS = {"torque": 17, "drive": 17, "deflection": 17}
+KNOTS = {"torque": 17, "drive": 17, "deflection": 25}
 USUAL = 13
 #: Parts of the range of a variable: between the places where the records rest there are some that none covers.
 PARTS = 512
@@ -116,18 +116,20 @@ def _gains(lin: Linearised, kind: type[Response], joint: int) -> tuple[Complex, 
 
 def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     """A learned curve, half of its knots where the records are most of the time, half spread evenly over what they cover; a position's
-    in the records that excite the joint: where others hold it, it hardly moves."""
+    in the records that excite the joint: where others hold it, it hardly moves. What they cover of a deflection is that of all: its
+    slope where a load rests is the stiffness there."""
     live = [(one, m) for one, m in zip(lin.problem.data, lin.motions[port], strict=True) if joint in one.scene.arm.live]
-    own = [(one, m) for one, m in live if one.excited == joint and KINDS[name].of_place]
-    here = [variable(m.state(joint), port, name) for _, m in own or live]
-    if not here:
+    every = [variable(m.state(joint), port, name) for _, m in live]
+    own = [there for (one, _), there in zip(live, every, strict=True) if one.excited == joint and KINDS[name].of_place]
+    if not live:
         return None
-    x = np.concatenate(here)
-    low, high = float(x.min()), float(x.max())
+    x = np.concatenate(own or every)
+    reached = np.concatenate(every) if (port, name) == ("spring", "position") else x
+    low, high = float(reached.min()), float(reached.max())
     if not high > low:
         return None
     share = np.linspace(0.0, 1.0, KNOTS.get("deflection" if port == "spring" and name == "position" else name, USUAL))
-    cells, edges = np.histogram(x, PARTS)
+    cells, edges = np.histogram(reached, PARTS)
     covered = np.concatenate([[low], 0.5 * (edges[1:] + edges[:-1])[cells > 0], [high]])
     both = [np.quantile(of, np.linspace(0.0, 1.0, PARTS), method="nearest") for of in (x, covered)]
     knots: Array = np.quantile(np.concatenate(both), share, method="nearest")
