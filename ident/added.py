@@ -110,9 +110,9 @@ def drawn_over(
 
 def _flat(named: Effect) -> Effect | None:
     """The learned friction that is the same law as Coulomb's: as high everywhere. None for any other law."""
-    if not (isinstance(named, Law) and named.dry and [p.name for p in named.parameters] == ["level"]):
+    if not (isinstance(named, Law) and named.dry and [p.name for p in named.parameters if not p.aside] == ["level"]):
         return None
-    return learned(named.port, "friction", [0.0])(named.joint, named.values)
+    return learned(named.port, "friction", [0.0])(named.joint, named.values[:1])
 
 
 def was_named(curve: Effect) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.effects.base import Effect, Parameter, only_impedance, scale
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.motion import CREEP
 from ident.errors import IdentError
 from ident.frf import Complex
 from ident.periods import spectrum
@@ -310,11 +311,15 @@ def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequen
             only = _only(kind, values, k, 1.0)
             only[k] = size * share
             columns.append(added(lin, effect.with_values(only)))
+        stuck = _stuck(lin, effect) if kind.dry else ()
+        columns = [[None if at in stuck else column for at, column in enumerate(one)] for one in columns]
         if all(column is None for one in columns for column in one):
             return None
         c, gain = lin.step(columns)
         for k, factor, step in zip(sizes, c, moved, strict=True):
             values[k] = float(factor * step)
+        if stuck:
+            gain += sum(_held(lin, effect.with_values(values), at) for at in stuck)
     else:
         c, gain = lin.step([added(lin, effect)])
         if not WITHIN[0] < c[0] < WITHIN[1]:
@@ -333,6 +338,28 @@ def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequen
             values[k] = float(np.clip(values[k], low, high))
         scales.append(max(abs(values[k]), 0.1 * abs(u * max(abs(x) for x in p.sizes)), 1e-12 * abs(u)))
     return Candidate(effect.with_values(values), gain, tuple(scales)) if gain > 0.0 else None
+
+
+def _stuck(lin: Linearised, effect: Effect) -> tuple[int, ...]:
+    """The records, by their places, in which the port of a dry effect hardly moves: what friction there is not told by its velocity."""
+    joint, port = int(effect.joint or 0), effect.port
+    per = lin.motions[port][0].N[joint] if port == "motor" else 1.0
+    rates = [float(np.std(motion.at(port, joint)[1])) for motion in lin.motions[port]]
+    return tuple(at for at, rate in enumerate(rates) if rate < CREEP * abs(per))
+
+
+def _held(lin: Linearised, effect: Effect, at: int) -> float:
+    """By how much chi^2 of a record falls when whatever force is needed holds a port, up to that of a dry effect which slides."""
+    one, joint = lin.problem.data[at], int(effect.joint or 0)
+    force = effect.force(lin.motions[effect.port][at])
+    if joint not in one.scene.arm.live or force is None:
+        return 0.0
+    a, r = lin.ports[at][effect.port, joint][one.use], lin.r[at][one.use]
+    along, size = np.sum(a.conj() * r, axis=1), np.sum(np.abs(a) ** 2, axis=1)
+    needed = float(np.sqrt(np.sum(np.abs(along / size) ** 2) / 2.0))
+    share = min(1.0, float(np.abs(force).max()) / max(needed, 1e-300))
+    fall = 2.0 * float(np.sum(np.abs(along) ** 2 / size)) - 2.0 * len(size)
+    return share * (2.0 - share) * max(fall, 0.0)
 
 
 def _only(kind: type[Effect], values: Sequence[float], keep: int, share: float) -> list[float]:

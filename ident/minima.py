@@ -11,6 +11,7 @@ from ident.arm_fit import chi_squared, hold
 from ident.campaign import Array
 from ident.effects.base import Effect, has_forces, only_impedance
 from ident.effects.carried import FARTHEST, Carrying, carrying, shown
+from ident.effects.creeping import FARTHEST as SLIDES, FROM, Creeping, creeping
 from ident.effects.learned import Learned
 from ident.parts import degrees, united
 from ident.refits import BY_ALL, FAINTLY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
@@ -53,7 +54,26 @@ def fully(bench: Bench, state: State) -> State:
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
             state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
     state = _closely(bench, Refit.of(state), excess(bench, state))
-    return state if by_curve or excess(bench, state) <= NAMED else _carrying(bench, state)
+    if by_curve or excess(bench, state) <= NAMED:
+        return state
+    state = _carrying(bench, state)
+    new = crept(bench, state)
+    return new if new is state else _closely(bench, Refit.of(new), excess(bench, new))
+
+
+def crept(bench: Bench, state: State) -> State:
+    """The model, or one whose dry last effect creeps more or less than contacts are expected to, if that leaves less."""
+    last = state.effects[-1]
+    if not last.dry or isinstance(last, Creeping | Learned) or excess(bench, state) <= NAMED:
+        return state
+    scales, limits = (*state.scales, 1.0), (*state.limits, (-SLIDES, SLIDES))
+    refits = [
+        Refit(np.append(state.minimum.vector, decades), (*state.effects[:-1], creeping(last, decades)), scales, limits, 1, HASTILY)
+        for decades in FROM
+    ]  # fmt: skip
+    here, *others = all_fitted(bench, [replace(Refit.of(state), outer=1, roughly=HASTILY), *refits])
+    best = min(others, key=lambda other: other.select)
+    return best if best.select < here.select - LEAST_GAIN else state
 
 
 def _carrying(bench: Bench, state: State) -> State:

@@ -11,7 +11,7 @@ from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, othe
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
 from ident.curves import curves, responses, wave
 from ident.effects.base import Effect, Law, has_forces, only_forces, only_impedance
-from ident.minima import FALLING, LEAST_GAIN, NAMED, as_declared, elsewhere, fully, told
+from ident.minima import FALLING, LEAST_GAIN, NAMED, as_declared, crept, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
     FINELY,
@@ -135,9 +135,19 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable
     else:
         likely = [c for k, c in enumerate(likely) if c.gain > LEAST_SHARE * _left(state, lin) or k < most // 2]
     tried = _nearest_finely(bench, refitted(bench, state, [(c, lin) for c in likely], progress), progress)
+    tried = _sliding_best(bench, tried, progress)
     if all(excess(bench, new) > NAMED for _, new in tried):
         tried += _drawn(bench, state, lin, progress)
     return tried
+
+
+def _sliding_best(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, the best one as its contact creeps, if it is dry."""
+    best = min(tried, key=left_by, default=None)
+    if best is None or (state := crept(bench, best[1])) is best[1]:
+        return tried
+    progress(f"  as it creeps, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+    return [(one[0], state) if one is best else one for one in tried]
 
 
 def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
@@ -187,7 +197,7 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
         likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
         again += [_larger(c) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
-    return refitted(bench, state, [(c, declared) for c in again], progress)
+    return _sliding_best(bench, refitted(bench, state, [(c, declared) for c in again], progress), progress)
 
 
 def _larger(one: Candidate) -> Candidate:
@@ -369,11 +379,11 @@ def plainer(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
     """A force that was fitted, or one of fewer parameters at its place that does as much: nobody tries that where the other is far
     ahead of all that promised most."""
     effect = one[1].effects[-1]
-    if not has_forces(effect) or len(effect.values) < 2:
+    if not has_forces(effect) or effect.numbers < 2:
         return one
     plain, lin = standing(bench, one[1], but_last(one[1]))
     names = catalogue(lin, plain.effects, bench.workers, at=(effect.port, effect.joint))
-    likely = [c for c in names if len(c.effect.values) < len(effect.values) and c.gain > LIKELY * _left(plain, lin)]
+    likely = [c for c in names if c.effect.numbers < effect.numbers and c.gain > LIKELY * _left(plain, lin)]
     tried = [(c, fully(bench, new)) for c, new in refitted(bench, plain, [(c, lin) for c in likely], progress)]
     return plainest(bench, [one, *tried])
 

@@ -184,6 +184,11 @@ class Effect(ABC):
                 raise IdentError(f"effect {cls.name}: {name} = {value:g}; expected a whole number")
         return cls(joint, tuple(float(given.get(p.name, p.sizes[0])) for p in cls.parameters))
 
+    @property
+    def numbers(self) -> int:
+        """How many numbers it is told by."""
+        return sum(not p.aside for p in self.parameters)
+
     def with_values(self, values: Sequence[float]) -> Self:
         return replace(self, values=tuple(float(v) for v in values))
 
@@ -302,6 +307,11 @@ class PeriodicLaw(PortLaw):
 
 class Law(PeriodicLaw):
     """A law of the moment: its torque follows from the state of its joint, whatever was before."""
+
+    @property
+    def creep(self) -> float:
+        """Decades by which it creeps faster before it slides than contacts are expected to, if it is dry."""
+        return 0.0
 
     @abstractmethod
     def law(self, at: State) -> Any:

@@ -2,8 +2,8 @@
 
 A sign that jumps has no linear response and no model error small enough; a real contact creeps before it slides
 (B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994), DOI 10.1016/0005-1098(94)90209-7). So
-sign(v) is tanh(v / creep) here: creep is about a hundredth of the speeds of a record, too small to be seen, and large
-against the velocity noise of an encoder.
+sign(v) is tanh(v / creep) here: creep is about a hundredth of the speeds of a record, and large against the velocity noise of an
+encoder. Where it is another, records of a joint that rests show it: see `creeping`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class MotorCoulomb(Law):
     parameters = (_level(),)
 
     def law(self, at: State) -> Any:
-        return -self["level"] * direction(at.omega, at.N)
+        return -self["level"] * direction(at.omega, at.N, self.creep)
 
 
 @final
@@ -44,8 +44,8 @@ class MotorStribeck(Law):
     )
 
     def law(self, at: State) -> Any:
-        level, peak, speed = self.values
-        return -(level + peak * np.exp(-((at.omega / speed) ** 2))) * direction(at.omega, at.N)
+        level, peak, speed = self.values[:3]
+        return -(level + peak * np.exp(-((at.omega / speed) ** 2))) * direction(at.omega, at.N, self.creep)
 
 
 @final
@@ -67,7 +67,7 @@ class LoadDependentFriction(Law):
     parameters = (Parameter("share", "", 0.0, 1.0, (0.05, 0.02), linear=True),)
 
     def law(self, at: State) -> Any:
-        return -self["share"] / abs(at.N) * abs(at.spring) * direction(at.omega, at.N)
+        return -self["share"] / abs(at.N) * abs(at.spring) * direction(at.omega, at.N, self.creep)
 
 
 @final
@@ -78,7 +78,7 @@ class LinkCoulomb(Law):
     parameters = (_level(),)
 
     def law(self, at: State) -> Any:
-        return -self["level"] * direction(at.q_rate)
+        return -self["level"] * direction(at.q_rate, 1.0, self.creep)
 
 
 @final

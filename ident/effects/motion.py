@@ -125,9 +125,9 @@ class Motion:
         return np.stack([self.signal(name, int(j)) for j in joints], axis=1)
 
 
-def direction(rate: Any, N: float = 1.0) -> Any:
-    """The smoothed sign of a velocity; a motor's with its gear ratio N."""
-    slides = rate / (CREEP * abs(N))
+def direction(rate: Any, N: float = 1.0, decades: float = 0.0) -> Any:
+    """The smoothed sign of a velocity; a motor's with its gear ratio N. It creeps faster than `CREEP` by so many decades."""
+    slides = rate / (CREEP * 10.0**decades * abs(N))
     return tanh(slides) if isinstance(slides, float) else np.tanh(slides)  # a million floats a simulation
 
 

@@ -1,0 +1,26 @@
+"""Dry friction whose contact creeps more or less before it slides than contacts are expected to: that is fitted with it."""
+
+from __future__ import annotations
+
+from typing import cast
+
+from ident.effects.base import Effect, Law, Parameter
+
+#: Decades by which a contact is found to creep faster at most, or slower; and from where it is looked for.
+FARTHEST, FROM = 1.5, (-1.0, -0.5, 0.5, 1.0)
+
+
+class Creeping(Law):
+    """A dry law whose last value says how it creeps."""
+
+    @property
+    def creep(self) -> float:
+        return self.values[-1]
+
+
+def creeping(law: Effect, decades: float) -> Effect:
+    """The dry law, its contact creeping faster by so many decades."""
+    kind = type(law)
+    more = Parameter("creep", "decades", -FARTHEST, FARTHEST, (0.0,), zero=None, aside=True)
+    found = type(kind.__name__, (Creeping, kind), {"parameters": (*kind.parameters, more)})
+    return cast(Effect, found(law.joint, (*law.values, decades)))
