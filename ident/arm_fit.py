@@ -7,6 +7,7 @@ Frequency Domain Approach, 2nd ed., Wiley 2012, chapters 9 and 12).
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -45,7 +46,7 @@ class Problem:
     `high` [P] bound it; `free` [P] are the parameters that may move. `scene_at` gives a record's scene at another posture.
     With `turns` the forces of effects are found together with the motion that they change, dry friction from where it was
     found last, `slid`, by record. `expected` are a vector [P] known beforehand and the weights [P] of steps of `scale` away from
-    it, added to chi^2. `workers` processes have a share of the records each.
+    it, added to chi^2. `workers` processes have a share of the records each. Fits end once `time.monotonic()` is `until`.
     """
 
     data: tuple[Evidence, ...]
@@ -62,6 +63,12 @@ class Problem:
     expected: tuple[Array, Array] | None = None
     slid: Slides = field(default_factory=dict)
     workers: int = 1
+    until: float = np.inf
+
+    @property
+    def late(self) -> bool:
+        """Whether it is time to end."""
+        return time.monotonic() > self.until
 
     @property
     def base(self) -> int:

@@ -312,10 +312,9 @@ def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequen
             only[k] = size * share
             columns.append(added(lin, effect.with_values(only)))
         stuck = _stuck(lin, effect) if kind.dry else ()
-        columns = [[None if at in stuck else column for at, column in enumerate(one)] for one in columns]
-        if all(column is None for one in columns for column in one):
+        if all(column is None for one in columns for at, column in enumerate(one) if at not in stuck):
             return None
-        c, gain = lin.step(columns)
+        c, gain = lin.step(columns, stuck)
         for k, factor, step in zip(sizes, c, moved, strict=True):
             values[k] = float(factor * step)
         if stuck:

@@ -102,6 +102,8 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
         if not doubt and settled and (small or abs(last - place.chi2) < same * place.chi2):
             converged = True
             break
+        if problem.late:
+            break
         last, plain = np.inf if doubt else place.chi2, None
         if sums.slid and not doubt and left > 1:
             further = _further(shifted, shift, place.information)
@@ -117,7 +119,9 @@ def _descended(sums: Sums, place: _Place, least: float, steps: int) -> bool:
     """Goes down from a place under its weights, at most so many steps, until chi^2 falls by less than the share `least`, or no step
     is to be made; whether it does."""
     problem = sums.problem
-    for _ in range(steps):
+    for k in range(steps):
+        if k and problem.late:
+            return False
         for refused in range(TRIALS):
             step = _step(problem, place.vector, place.slope, place.information, place.damping)
             if place.winding and place.damping < GENTLE:

@@ -116,7 +116,7 @@ class Begun:
             bench, start = _by_lines(bench, data, progress)
         state, added = _loop(bench, start, progress)
         left = _left_over(bench, start, state, added)
-        if left and not bench.split.note and _may_bend(bench, start, state):
+        if left and not bench.split.note and not bench.late and _may_bend(bench, start, state):
             by_lines = _by_lines(bench, data, progress)
             other, more = _loop(*by_lines, progress)
             if _left(*by_lines, other) < _left(bench, start, state):
@@ -150,14 +150,17 @@ def _better(start: State, added: Sequence[Added]) -> State:
     return min([start, *others], key=lambda state: state.select)
 
 
-def begin(campaign: Campaign, model: Model, responses: tuple[Frf, ...], workers: int = 1) -> Begun:
-    """Returns what a diagnosis begins with; `responses` are those of all records. Raises IdentError for none."""
+def begin(
+    campaign: Campaign, model: Model, responses: tuple[Frf, ...], workers: int = 1, until: float = np.inf
+) -> Begun:
+    """Returns what a diagnosis begins with; `responses` are those of all records; nothing new is looked for once `time.monotonic()` is
+    `until`. Raises IdentError for none."""
     if not campaign.records:
         raise IdentError("the campaign holds no records; expected at least one")
     basis = gravity_basis(model, campaign.gravity)
     data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
     guess = declared_start(campaign, model, responses, basis)
-    bench = Bench(campaign, model, basis, split(data, model), guess, workers)
+    bench = Bench(campaign, model, basis, split(data, model), guess, workers, until=until)
     return Begun(responses, data, bench, first(bench))
 
 
@@ -189,7 +192,7 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
     for _ in range(MOST_EFFECTS):
         little = bool(added) and _little(bench, start, state)
         departs = _departs(bench, state) or (not added and _suspect(bench, state))
-        if not departs or (little and excess(bench, state) <= NAMED):
+        if not departs or (little and excess(bench, state) <= NAMED) or bench.late:
             break
         # a model that may bend is tried by lines next: pairs are looked for there
         pairs = bool(bench.split.note) or not _may_bend(bench, start, state)
@@ -198,6 +201,8 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
             break
         state, more = step
         added += more
+        if bench.late:
+            break
         if _bent(bench, start, state):  # is what was missing the way, or is more missing?
             state = begun_afresh = afresh(bench, state, progress)
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
@@ -206,10 +211,10 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         state, added = pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:
             state, added = renamed(bench, state, curve, added, start.select, progress)
-    if added and state is not begun_afresh and _bent(bench, start, state):
+    if added and state is not begun_afresh and not bench.late and _bent(bench, start, state):
         state = afresh(bench, state, progress)
     for effect in state.effects[:-1]:  # found while others were missing
-        if not explains(bench, state, start.select):
+        if not (bench.late or explains(bench, state, start.select)):
             state = elsewhere(bench, state, effect, progress)
     return state, added
 

@@ -18,6 +18,21 @@ if TYPE_CHECKING:
     from ident.diagnose import Diagnosis
 
 
+#: How long a search takes at most, unless told otherwise.
+MINUTES = 4.0
+
+
+def minutes(text: str) -> float:
+    """A time that is given in minutes. argparse.ArgumentTypeError: none above zero."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not value > 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r}; expected minutes above 0, or inf")
+    return value
+
+
 def add(command: NewCommand) -> None:
     """Adds the commands to the command line; each sets `action`, which takes the options and returns the exit status."""
     diagnose = command(
@@ -40,6 +55,10 @@ def add(command: NewCommand) -> None:
         "--believe-zeros", action=argparse.BooleanOptionalAction, default=None,
         help="take inertial parameters that are exactly zero in the URDF as known (default: where the records need it, or are "
         "explained by an effect and fewer constants then)",
+    )  # fmt: skip
+    diagnose.add_argument(
+        "--minutes", type=minutes, default=MINUTES, metavar="M",
+        help=f"tell what was found so far once the search has taken so long (default {MINUTES:g}; inf: never)",
     )  # fmt: skip
     diagnose.add_argument("--brief", action="store_true", help="print the sentence, the errors and the effects only")
     diagnose.set_defaults(action=_diagnose)
@@ -75,13 +94,13 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     from symgen.forked import WORKERS
 
     campaign = _joined(options.campaign)
-    say = progress.line(options)
+    say, seconds = progress.line(options), 60.0 * options.minutes
     notes: tuple[str, ...] = ()
     if options.baseline is not None:
         earlier = read_campaign(options.baseline)
-        known, _ = diagnose_either(earlier, options.believe_zeros, workers=WORKERS, progress=say)
+        known, _ = diagnose_either(earlier, options.believe_zeros, workers=WORKERS, progress=say, seconds=seconds)
         campaign, notes = declared_by(known, campaign)
-    found, more = diagnose_either(campaign, options.believe_zeros, workers=WORKERS, progress=say)
+    found, more = diagnose_either(campaign, options.believe_zeros, workers=WORKERS, progress=say, seconds=seconds)
     out = Path(options.out)
     document = verdict_document(found, options.campaign, (*notes, *more))
     page = html(found, document)

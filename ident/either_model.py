@@ -7,7 +7,9 @@ off looks like a link that is not symmetric. What takes fewer numbers is the sim
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from math import inf
 
 from ident.campaign import Campaign
 from ident.campaign_model import model_of_campaign
@@ -29,21 +31,34 @@ def diagnose_either(
     *,
     workers: int = 1,
     progress: Callable[[str], None] = lambda line: None,
+    seconds: float = inf,
 ) -> tuple[Diagnosis, tuple[str, ...]]:
     """Returns the diagnosis of a campaign and notes on its constants; `believe_zeros` None lets the records decide.
 
+    Nothing new is looked for after so many `seconds` [s]: what was found by then is told.
     Raises IdentError for a campaign without usable records.
     """
+    until = time.monotonic() + seconds
+    found, notes = _diagnosed(campaign, believe_zeros, workers, progress, until)
+    if found.status == "unexplained" and time.monotonic() > until:
+        notes += (f"The search was ended after {seconds:.0f} s: a longer one may find more (--minutes).",)
+    return found, notes
+
+
+def _diagnosed(
+    campaign: Campaign, believe_zeros: bool | None, workers: int, progress: Callable[[str], None], until: float
+) -> tuple[Diagnosis, tuple[str, ...]]:
+    """As `diagnose_either`, until a time."""
     responses = tuple(estimate(record, campaign) for record in campaign.records)
     model, notes = model_of_campaign(campaign, responses, believe_zeros, "coupled")
-    general = begin(campaign, model, responses, workers)
+    general = begin(campaign, model, responses, workers, until)
     symmetric = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=True)
     more = len(model.alpha_cad) - len(symmetric.alpha_cad)
     if believe_zeros is not None or not more:
         return general.diagnosed(progress), notes
     believed = len(symmetric.factoring.believed)
     progress(f"the {believed} zeros of the URDF believed")
-    simple = begin(campaign, symmetric, responses, workers).diagnosed(progress)
+    simple = begin(campaign, symmetric, responses, workers, until).diagnosed(progress)
     alone = not general.departs
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
     if (
@@ -52,7 +67,7 @@ def diagnose_either(
         found = general.diagnosed(progress)
         if found.left <= NAMED and _things(found) < _things(simple):
             return found, notes
-    if not explained and (alone or general.left_beside(simple) < BETTER * simple.left):
+    if not explained and (alone or (not general.bench.late and general.left_beside(simple) < BETTER * simple.left)):
         found = general.diagnosed(progress)
         if alone or found.left < BETTER * simple.left:
             return found, notes

@@ -11,8 +11,8 @@ from ident.arm_fit import chi_squared, hold
 from ident.campaign import Array
 from ident.effects.base import Effect, has_forces, only_impedance
 from ident.effects.carried import FARTHEST, Carrying, carrying, shown
-from ident.effects.creeping import FARTHEST as SLIDES, FROM, Creeping, creeping
-from ident.effects.learned import Learned
+from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
+from ident.effects.learned import Learned, bent
 from ident.parts import degrees, united
 from ident.refits import BY_ALL, FAINTLY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
 from ident.scene import known
@@ -41,8 +41,10 @@ HALF_OR_TWICE = (0.5, 2.0)
 def fully(bench: Bench, state: State) -> State:
     """The model at its minimum: of an impedance, whose shapes may do nearly the same in more than one place, at the lowest."""
     last = state.effects[-1]
+    if bench.late:
+        return fitted(bench, Refit.of(state))
     if last.name == "unknown":  # heights of a curve mean nothing by themselves
-        return fitted(bench, replace(Refit.of(state), outer=FULLY))
+        return _bending(bench, fitted(bench, replace(Refit.of(state), outer=FULLY)))
     # what a curve leaves, which it does not draw, is no valley
     by_curve = _drawn(state)
     if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2 and not by_curve:
@@ -54,11 +56,20 @@ def fully(bench: Bench, state: State) -> State:
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
             state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
     state = _closely(bench, Refit.of(state), excess(bench, state))
-    if by_curve or excess(bench, state) <= NAMED:
+    if by_curve or bench.late or excess(bench, state) <= NAMED:
         return state
     state = _carrying(bench, state)
     new = crept(bench, state)
     return new if new is state else _closely(bench, Refit.of(new), excess(bench, new))
+
+
+def _bending(bench: Bench, state: State) -> State:
+    """The model, or one whose last effect, a learned curve, bends between its knots, if that leaves less."""
+    curve = bent(state.effects[-1])
+    if curve is None or excess(bench, state) <= NAMED:
+        return state
+    new = fitted(bench, replace(Refit.of(state), effects=(*state.effects[:-1], curve), outer=FULLY))
+    return new if new.select < state.select - LEAST_GAIN else state
 
 
 def crept(bench: Bench, state: State) -> State:
@@ -66,14 +77,17 @@ def crept(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if not last.dry or isinstance(last, Creeping | Learned) or excess(bench, state) <= NAMED:
         return state
-    scales, limits = (*state.scales, 1.0), (*state.limits, (-SLIDES, SLIDES))
-    refits = [
-        Refit(np.append(state.minimum.vector, decades), (*state.effects[:-1], creeping(last, decades)), scales, limits, 1, HASTILY)
-        for decades in FROM
-    ]  # fmt: skip
+    refits = [creeping_like(state, decades) for decades in FROM]
     here, *others = all_fitted(bench, [replace(Refit.of(state), outer=1, roughly=HASTILY), *refits])
     best = min(others, key=lambda other: other.select)
     return best if best.select < here.select - LEAST_GAIN else state
+
+
+def creeping_like(state: State, decades: float) -> Refit:
+    """The model, to be refitted hastily, whose dry last effect creeps faster by so many decades at first."""
+    effects = (*state.effects[:-1], creeping(state.effects[-1], decades))
+    scales, limits = (*state.scales, 1.0), (*state.limits, (SLOWEST, FASTEST))
+    return Refit(np.append(state.minimum.vector, decades), effects, scales, limits, 1, HASTILY)
 
 
 def _carrying(bench: Bench, state: State) -> State:
@@ -117,7 +131,7 @@ def _closely(bench: Bench, refit: Refit, left: float) -> State:
 
 def settled(bench: Bench, state: State) -> State:
     """The model, once it is chosen, by the records that chose it, too: these tell its values as well as those that fitted it."""
-    if excess(bench, state) > BY_ALL:
+    if bench.late or excess(bench, state) > BY_ALL:
         return state
     both = replace(bench, split=replace(bench.split, fit=united(*bench.split.fit, *bench.split.select)))
     outer = BY_CURVE if _drawn(state) else FULLY

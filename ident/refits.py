@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -45,7 +46,8 @@ UNSEEN_HEIGHT = 1e-4
 class Bench:
     """The tools of one diagnosis: how to make a problem of records and effects, and the weights of the choosing records.
 
-    The arm that is fitted begins at `guess`; chi^2 grows by `firm` where a number of it is off by all of its size.
+    The arm that is fitted begins at `guess`; chi^2 grows by `firm` where a number of it is off by all of its size. Nothing new is looked
+    for once `time.monotonic()` is `until`.
     """
 
     campaign: Campaign
@@ -55,6 +57,12 @@ class Bench:
     guess: Parameters
     workers: int
     firm: float = 0.0
+    until: float = np.inf
+
+    @property
+    def late(self) -> bool:
+        """Whether it is time to tell what was found."""
+        return time.monotonic() > self.until
 
     def problem(
         self, data: tuple[Evidence, ...], effects: Sequence[Effect], scales: Sequence[float], limits: Sequence[tuple[float, float]],
@@ -69,7 +77,7 @@ class Bench:
         weight = np.concatenate([np.full(problem.base, self.firm), weights])
         centre = np.concatenate([self.guess.vector(), np.zeros(len(weights))])
         expected = (centre, weight) if weight.any() else None
-        return replace(problem, free=free, turns=turns, workers=self.workers, expected=expected)
+        return replace(problem, free=free, turns=turns, workers=self.workers, expected=expected, until=self.until)
 
 
 @dataclass(frozen=True, eq=False)

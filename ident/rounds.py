@@ -73,7 +73,7 @@ def another(
         return one[0], [one[1]]
     two = (
         None
-        if little or not pairs or excess(bench, state) < BY_ALL
+        if little or not pairs or bench.late or excess(bench, state) < BY_ALL
         else _two(bench, state, tried, lin, first, progress)
     )
     if one is not None and (two is None or one[0].select <= two[0].select):
@@ -160,6 +160,8 @@ def _best(
     leader: Tried | None = None
     for more in [resting(bench, state, lin, progress)] if little else hasty(bench, state, lin, first, progress):
         tried += more
+        if bench.late:
+            return chosen(bench, tried, state.select), tried
         one = ahead(bench, tried, first)
         if one is None or one is leader:
             continue
@@ -169,6 +171,8 @@ def _best(
             return of_any_order(bench, plainer(bench, leader, progress), progress), tried
     tried = [one for one in polished(bench, tried, first, progress) if not vanished(one[1].effects[-1])]
     best = chosen(bench, tried, state.select)
+    if bench.late:
+        return best, tried
     if best is not None and is_curve(best):
         for name in best_names(tried)[:1]:  # which may do as well at its minimum
             tried = [(one[0], fully(bench, one[1])) if one is name else one for one in tried]
@@ -179,7 +183,10 @@ def _best(
     closely = [(one[0], fully(bench, one[1])) for one in alike]
     for one in closely[1:]:
         progress(f"  as closely, {told(one[1].effects[-1])}: {one[1].select:.6g} and {closely[0][1].select:.6g}")
-    best = of_any_order(bench, closely[0] if len(closely) == 1 else plainest(bench, closely, 0.0), progress)
+    best = closely[0] if len(closely) == 1 else plainest(bench, closely, 0.0)
+    if best[1].effects[-1].dry and excess(bench, best[1]) <= CLOSE:  # what another leaves depends on how it creeps
+        best = plainer(bench, best, progress)
+    best = of_any_order(bench, best, progress)
     return best, [one for one in tried if all(one is not other for other in alike)] + closely
 
 

@@ -134,22 +134,26 @@ class Linearised:
         """Computes what all candidates need, once, before they are shared out."""
         _ = self.information, self.slope, self.motions, self.positions, self.ports, self.arms
 
-    def step(self, columns: Sequence[Sequence[Complex | None]]) -> tuple[Array, float]:
+    def step(self, columns: Sequence[Sequence[Complex | None]], leaving: Sequence[int] = ()) -> tuple[Array, float]:
         """Returns how large each new column wants to be, all free parameters refitted, and by how much chi^2 falls.
 
-        A column is what one unit of a parameter adds to the whitened prediction: an array [L, m] a record, None: nothing.
+        A column is what one unit of a parameter adds to the whitened prediction: an array [L, m] a record, None: nothing. Records
+        that are `leaving`, by their places, tell nothing.
         """
         k, free = len(columns), np.flatnonzero(self.problem.free)
         X, own, b = np.zeros((len(self.vector), k)), np.zeros((k, k)), np.zeros(k)
         for at, (one, r, A, where) in enumerate(zip(self.problem.data, self.r, self.real, self.columns, strict=True)):
             here = [i for i in range(k) if columns[i][at] is not None]
-            if not here:
+            if not here or at in leaving:
                 continue
             B = np.stack([_real(np.asarray(columns[i][at])[one.use]) for i in here], axis=1)
             X[np.ix_(where, np.array(here))] += 2.0 * (A.T @ B)
             own[np.ix_(np.array(here), np.array(here))] += 2.0 * (B.T @ B)
             b[here] += 2.0 * (B.T @ _real(r[one.use]))
-        H, g, X = self.information[np.ix_(free, free)], self.slope[free], X[free]
+        H, g = self.information, self.slope
+        for at in leaving:
+            H, g = H - self.blocks[0][at], g - self.blocks[1][at]
+        H, g, X = H[np.ix_(free, free)], g[free], X[free]
         size = np.sqrt(np.maximum(np.diag(H), 1e-300))
         solved = np.linalg.solve(
             H / size / size[:, None] + RIDGE * np.eye(len(free)), np.column_stack([X, g]) / size[:, None]

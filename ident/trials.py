@@ -11,7 +11,7 @@ from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, othe
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
 from ident.curves import curves, responses, wave
 from ident.effects.base import Effect, Law, has_forces, only_forces, only_impedance
-from ident.minima import FALLING, LEAST_GAIN, NAMED, as_declared, crept, elsewhere, fully, told
+from ident.minima import FALLING, LEAST_GAIN, NAMED, as_declared, creeping_like, crept, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
     FINELY,
@@ -142,12 +142,19 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable
 
 
 def _sliding_best(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, the best one as its contact creeps, if it is dry."""
+    """The candidates, the best one as its contact creeps, if it is dry and far from the noise; plainer laws of its port likewise."""
     best = min(tried, key=left_by, default=None)
-    if best is None or (state := crept(bench, best[1])) is best[1]:
+    if best is None or excess(bench, best[1]) <= CLOSE**2 or (state := crept(bench, best[1])) is best[1]:
         return tried
     progress(f"  as it creeps, {told(state.effects[-1])}: {excess(bench, state):.4g}")
-    return [(one[0], state) if one is best else one for one in tried]
+    law = state.effects[-1]
+    alike = [
+        one for one in tried
+        if one[1].effects[-1].dry and not is_curve(one) and one[0].key[1:] == best[0].key[1:] and one[0].effect.numbers < law.numbers
+    ]  # fmt: skip
+    like_it = [creeping_like(one[1], law.values[-1]) for one in alike]
+    found = dict(zip([id(one) for one in [best, *alike]], [state, *all_fitted(bench, like_it)], strict=True))
+    return [(one[0], found.get(id(one), one[1])) for one in tried]
 
 
 def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
@@ -270,7 +277,11 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
         found = [(one[0], other) if one is likeliest else one for one in found]
         best_name = best_names(found)[0]
     better = _wound_up(bench, _otherwise(bench, best_name[1], progress), progress)
-    far = not explains(bench, better, first) or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
+    far = (
+        not bench.late
+        and not explains(bench, better, first)
+        or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
+    )
     curve = min((left_by(one) for one in found if is_curve(one)), default=np.inf)
     if far and curve > UNLIKELY * better.select:
         better = elsewhere(bench, better, better.effects[-1], progress)
@@ -319,7 +330,7 @@ def _finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None
             else:
                 goes_on = fell < FALLING
             (falling if goes_on else settled).append(one)
-        if not falling:
+        if not falling or bench.late:
             break
     return settled + falling
 
@@ -343,7 +354,7 @@ def _wound_up(bench: Bench, state: State, progress: Callable[[str], None]) -> St
     if not winds_up(state.effects[-1]):
         return state
     for _ in range(PATIENT):
-        if excess(bench, state) <= NAMED:
+        if bench.late or excess(bench, state) <= NAMED:
             break
         new = fitted(bench, replace(Refit.of(state), outer=FULLY // 2))
         progress(f"  on, {told(new.effects[-1])}: {excess(bench, new):.4g}")
@@ -357,7 +368,7 @@ def _wound_up(bench: Bench, state: State, progress: Callable[[str], None]) -> St
 def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
     """The model, or a better one whose last effect has another whole number, of turns or of a record: what was missing bent the
     arm from which it was read."""
-    return state if excess(bench, state) < NAMED else _other_whole(bench, state, progress)
+    return state if bench.late or excess(bench, state) < NAMED else _other_whole(bench, state, progress)
 
 
 def _other_whole(bench: Bench, state: State, progress: Callable[[str], None]) -> State:

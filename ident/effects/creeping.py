@@ -6,8 +6,9 @@ from typing import cast
 
 from ident.effects.base import Effect, Law, Parameter
 
-#: Decades by which a contact is found to creep faster at most, or slower; and from where it is looked for.
-FARTHEST, FROM = 1.5, (-1.0, -0.5, 0.5, 1.0)
+#: Decades by which a contact creeps slower or faster at most, and from where that is looked for: slower ones stop too soon for the
+#: samples of a period, and move too little to be seen.
+SLOWEST, FASTEST, FROM = -0.7, 1.0, (-0.7, -0.35, 0.4, 0.8)
 
 
 class Creeping(Law):
@@ -21,6 +22,6 @@ class Creeping(Law):
 def creeping(law: Effect, decades: float) -> Effect:
     """The dry law, its contact creeping faster by so many decades."""
     kind = type(law)
-    more = Parameter("creep", "decades", -FARTHEST, FARTHEST, (0.0,), zero=None, aside=True)
+    more = Parameter("creep", "decades", SLOWEST, FASTEST, (0.0,), zero=None, aside=True)
     found = type(kind.__name__, (Creeping, kind), {"parameters": (*kind.parameters, more)})
     return cast(Effect, found(law.joint, (*law.values, decades)))

@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ident.effects.base import Array, Effect, Law, Parameter
 from ident.effects.motion import State, direction
@@ -69,17 +70,18 @@ class Learned(Effect):
     variable: ClassVar[str]
     knots: ClassVar[tuple[float, ...]]
     period: ClassVar[float | None] = None
+    smooth: ClassVar[bool] = False
 
     def curve(self) -> dict[str, Any]:
         """The curve in plain numbers; `at` is the knot of every parameter."""
         return {
             "variable": self.variable, "knots": list(self.knots), "period": self.period, "heights": list(self.values),
-            "unit": self.parameters[0].unit, "at": list(self.knots),
+            "unit": self.parameters[0].unit, "at": list(self.knots), "smooth": self.smooth,
         }  # fmt: skip
 
 
 class LearnedLaw(Learned, Law):
-    """A torque that follows a curve of what the port does: straight between its knots.
+    """A torque that follows a curve of what the port does: straight between its knots, or `smooth`, the cubic spline through them.
 
     Beyond its ends a curve goes on as steeply, so that it does not matter what of a slope is told by a damping or a stiffness
     besides; one of a place, of which nothing is known where nobody was, stays as high.
@@ -89,11 +91,22 @@ class LearnedLaw(Learned, Law):
 
     def law(self, at: State) -> Any:
         x = variable(at, self.port, self.variable)
-        if self.period is None:
+        if self.smooth:
+            height = self._spline(x)
+        elif self.period is None:
             height = np.interp(x, self.knots, self.values) + self._beyond(x)
         else:
             height = np.interp(np.mod(x, self.period), *_tabled(self.values, self.period))
         return height * factor(at, self.port, self.variable)
+
+    def _spline(self, x: Any) -> Any:
+        """The spline through the knots, that goes on as steeply beyond them, or stays as high."""
+        spline = CubicSpline(self.knots, self.values)
+        inside = np.clip(x, self.knots[0], self.knots[-1])
+        if of_place(self.port, self.variable):
+            return spline(inside)
+        first, last = spline(self.knots[0], 1), spline(self.knots[-1], 1)
+        return spline(inside) + first * np.minimum(x - self.knots[0], 0.0) + last * np.maximum(x - self.knots[-1], 0.0)
 
     def _beyond(self, x: Any) -> Any:
         """What the slopes at both ends add where x is beyond them."""
@@ -153,9 +166,24 @@ def factor(at: State, port: str, name: str) -> Any:
             return 1.0
 
 
-def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None) -> type[LearnedLaw]:
-    """The kind of curve with knots `at` for a port, that `repeats` itself or not: its heights are torques at the port, or what
-    makes torques of what it is multiplied by."""
+def bent(curve: Effect) -> Effect | None:
+    """The same curve, but smooth: none for one that is, or is dry, or has too few knots."""
+    if (
+        not isinstance(curve, LearnedLaw)
+        or curve.dry
+        or curve.smooth
+        or curve.period is not None
+        or len(curve.knots) < 4
+    ):
+        return None
+    return learned(curve.port, curve.variable, curve.knots, bends=True)(curve.joint, curve.values)
+
+
+def learned(
+    port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None, *, bends: bool = False
+) -> type[LearnedLaw]:
+    """The kind of curve with knots `at` for a port, that `repeats` itself or not, and `bends` between its knots or is straight: its
+    heights are torques at the port, or what makes torques of what it is multiplied by."""
     kind = KINDS[variable_name]
     only_lost = (port_name, variable_name) == (
         "link",
@@ -173,6 +201,7 @@ def learned(port_name: str, variable_name: str, at: Sequence[float], repeats: fl
         variable = variable_name
         knots = tuple(float(x) for x in at)
         period = repeats
+        smooth = bends
         dry = kind.dry
 
     return Curve

@@ -20,7 +20,7 @@ from ident.curves import PARTS, _shape, curves, wave
 from ident.diagnose import _mended
 from ident.effects.base import Effect, Law
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.learned import learned
+from ident.effects.learned import bent, learned
 from ident.effects.motion import State
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
@@ -62,6 +62,21 @@ def test_a_curve_goes_on_beyond_its_ends_as_steeply_as_it_ends() -> None:
     assert isinstance(sloped, Law)
     x = np.linspace(-9.0, 9.0, 50)
     np.testing.assert_allclose(sloped.law(replace(state(0.0), deflection=x)), 2.0 * x, atol=1e-12)
+
+
+def test_a_curve_that_bends_is_the_spline_through_its_heights() -> None:
+    """So it is any cubic, and the straight line that touches it beyond its ends; friction, waves and three knots do not bend."""
+    knots = np.array([-2.0, -0.5, 0.3, 1.0, 3.0])
+    cubic = np.polynomial.Polynomial([0.2, -1.0, 0.5, 0.3])
+    law = bent(learned("motor", "velocity", knots.tolist())(0, tuple(cubic(knots).tolist())))
+    assert isinstance(law, Law)
+    x = np.linspace(-2.0, 3.0, 41)
+    np.testing.assert_allclose(law.law(state(0.0, x)), cubic(x), atol=1e-12)
+    np.testing.assert_allclose(law.law(state(0.0, np.array([4.0]))), [cubic(3.0) + cubic.deriv()(3.0)], rtol=1e-12)
+    friction, waves = learned("motor", "sliding", knots.tolist()), learned("motor", "position", knots.tolist(), 6.0)
+    few = learned("motor", "velocity", [-1.0, 0.0, 1.0])
+    assert all(bent(kind(0, (0.0,) * len(kind.parameters))) is None for kind in (friction, waves, few))
+    assert bent(law) is None
 
 
 def test_what_is_the_slope_of_a_curve_besides_stays_as_it_is() -> None:

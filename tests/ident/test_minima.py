@@ -14,7 +14,7 @@ from ident.descent import Minimum
 from ident.minima import _closely
 from ident.refits import Refit, fitted
 
-BENCH: Any = SimpleNamespace()
+BENCH: Any = SimpleNamespace(late=False)
 
 
 @pytest.mark.parametrize(

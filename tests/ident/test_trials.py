@@ -19,7 +19,7 @@ from ident.trials import _finely, _law_leads, ahead, of_any_order, plainer, poli
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
-BENCH: Any = SimpleNamespace()
+BENCH: Any = SimpleNamespace(late=False)
 DRY, HARD = LinkCoulomb(1, (0.1,)), SpringHardening(1, (1e7,))
 WAVE = TransmissionError(1, (1e-4, 2.0, 0.0))
 
