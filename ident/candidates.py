@@ -29,6 +29,8 @@ FAR = tuple(1.2**k for k in range(-8, 9) if k)
 NEAR = tuple(f for by in (1.07, 1.2, 1.5) for f in (by, 1.0 / by))
 #: Largest change from one record to the next from which a fit starts.
 CHANGE = 0.1
+#: Times the speed at which dry friction creeps below which a joint is taken to be held by it.
+RESTS = 6.0
 #: A first-order size beyond these factors of the one tried says that another one is meant.
 WITHIN = (0.02, 50.0)
 
@@ -344,7 +346,7 @@ def _stuck(lin: Linearised, effect: Effect) -> tuple[int, ...]:
     joint, port = int(effect.joint or 0), effect.port
     per = lin.motions[port][0].N[joint] if port == "motor" else 1.0
     rates = [float(np.std(motion.at(port, joint)[1])) for motion in lin.motions[port]]
-    return tuple(at for at, rate in enumerate(rates) if rate < CREEP * abs(per))
+    return tuple(at for at, rate in enumerate(rates) if rate < RESTS * CREEP * abs(per))
 
 
 def _held(lin: Linearised, effect: Effect, at: int) -> float:
