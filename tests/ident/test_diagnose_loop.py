@@ -176,7 +176,7 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(mo
     }
     for name, stand_in in stand_ins.items():
         monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
-    bench = SimpleNamespace(split=SimpleNamespace(note="by lines"))
+    bench = SimpleNamespace(split=SimpleNamespace(note="by lines"), late=False)
     assert _loop(bench, start, lambda line: None) == (straight, ["added"])
     assert asked == [start]
 

@@ -58,6 +58,8 @@ def test_general_links_beside_what_was_found_leave_as_much() -> None:
 class Left:
     """A diagnosis that leaves so much, and has so many declared numbers off."""
 
+    status = "explained"
+
     def __init__(self, model: Model, left: float, values: int, off: int = 0) -> None:
         self.model, self.left, self.off = model, left, [None] * off
         self.end = SimpleNamespace(effects=[SimpleNamespace(values=(0.0,) * values)] if values else [])
@@ -95,7 +97,8 @@ def test_what_takes_fewer_numbers_is_taken(
             runs.append(bool(model.factoring.believed))
             return Left(model, by_zeros if model.factoring.believed else by_general, values)
 
-        return SimpleNamespace(departs=not alone, diagnosed=diagnosed, left_beside=lambda found: beside)
+        bench = SimpleNamespace(late=False)
+        return SimpleNamespace(departs=not alone, diagnosed=diagnosed, left_beside=lambda found: beside, bench=bench)
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
     found, notes = diagnose_either(campaign(0.0, 1), believe)
@@ -138,3 +141,19 @@ def test_links_that_do_without_two_effects_are_taken(
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
     assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
+
+
+def test_a_search_that_was_ended_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    ends: list[float] = []
+
+    def begun(campaign: Campaign, model: Model, responses: object, workers: int, until: float) -> SimpleNamespace:
+        ends.append(until)
+        found = Left(model, 5.0, 1)
+        found.status = "unexplained"
+        bench = SimpleNamespace(late=True)
+        return SimpleNamespace(departs=True, diagnosed=lambda progress: found, left_beside=None, bench=bench)
+
+    monkeypatch.setattr(ident.either_model, "begin", begun)
+    _, notes = diagnose_either(campaign(0.0, 1), seconds=0.0)
+    assert "ended after 0 s" in notes[-1] and len(set(ends)) == 1
+    assert not any("ended" in note for note in diagnose_either(campaign(0.0, 1), True)[1])
