@@ -404,6 +404,7 @@ def no_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
         (["simulate", YPP3 / "ypp3.urdf", "-o", "c.h5"], "ypp3.urdf: not TOML"),
         (["run", YPP3, "-o", "file"], "-o file: a file; expected a directory"),
         (["paper", "nowhere"], "nowhere: no such file"),
+        (["diagnose", "c.h5", "-o", "out", "--minutes", "0"], "argument --minutes: '0'; expected minutes above 0, or inf"),
         (["paper", YPP3.parent / "scara4"], "expected the paper's yaw-pitch-pitch arm"),
         pytest.param(["run", "nowhere", "-o", "out"], "nowhere: no such file"),
         pytest.param(["simulate", YPP3, "-o", "c.h5", "--seed", "-1"], "--seed -1"),
