@@ -9,9 +9,10 @@ import numpy as np
 
 from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
+from ident.contact import as_it_creeps
 from ident.curves import curves, responses, wave
 from ident.effects.base import Effect, Law, has_forces, only_forces, only_impedance
-from ident.minima import FALLING, LEAST_GAIN, NAMED, as_declared, creeping_like, crept, elsewhere, fully, told
+from ident.minima import FALLING, LEAST_GAIN, NAMED, as_declared, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
     FINELY,
@@ -135,26 +136,10 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable
     else:
         likely = [c for k, c in enumerate(likely) if c.gain > LEAST_SHARE * _left(state, lin) or k < most // 2]
     tried = _nearest_finely(bench, refitted(bench, state, [(c, lin) for c in likely], progress), progress)
-    tried = _sliding_best(bench, tried, progress)
+    tried = as_it_creeps(bench, tried, CLOSE**2, progress)
     if all(excess(bench, new) > NAMED for _, new in tried):
         tried += _drawn(bench, state, lin, progress)
     return tried
-
-
-def _sliding_best(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, the best one as its contact creeps, if it is dry and far from the noise; plainer laws of its port likewise."""
-    best = min(tried, key=left_by, default=None)
-    if best is None or excess(bench, best[1]) <= CLOSE**2 or (state := crept(bench, best[1])) is best[1]:
-        return tried
-    progress(f"  as it creeps, {told(state.effects[-1])}: {excess(bench, state):.4g}")
-    law = state.effects[-1]
-    alike = [
-        one for one in tried
-        if one[1].effects[-1].dry and not is_curve(one) and one[0].key[1:] == best[0].key[1:] and one[0].effect.numbers < law.numbers
-    ]  # fmt: skip
-    like_it = [creeping_like(one[1], law.values[-1]) for one in alike]
-    found = dict(zip([id(one) for one in [best, *alike]], [state, *all_fitted(bench, like_it)], strict=True))
-    return [(one[0], found.get(id(one), one[1])) for one in tried]
 
 
 def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
@@ -204,7 +189,7 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
         likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
         again += [_larger(c) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
-    return _sliding_best(bench, refitted(bench, state, [(c, declared) for c in again], progress), progress)
+    return as_it_creeps(bench, refitted(bench, state, [(c, declared) for c in again], progress), CLOSE**2, progress)
 
 
 def _larger(one: Candidate) -> Candidate:
