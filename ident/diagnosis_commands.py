@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MINUTES = 4.0
 
 
-def minutes(text: str) -> float:
+def _minutes(text: str) -> float:
     """A time that is given in minutes. argparse.ArgumentTypeError: none above zero."""
     try:
         value = float(text)
@@ -57,7 +57,7 @@ def add(command: NewCommand) -> None:
         "explained by an effect and fewer constants then)",
     )  # fmt: skip
     diagnose.add_argument(
-        "--minutes", type=minutes, default=MINUTES, metavar="M",
+        "--minutes", type=_minutes, default=MINUTES, metavar="M",
         help=f"tell what was found so far once the search has taken so long (default {MINUTES:g}; inf: never)",
     )  # fmt: skip
     diagnose.add_argument("--brief", action="store_true", help="print the sentence, the errors and the effects only")

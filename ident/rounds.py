@@ -184,10 +184,8 @@ def _best(
     for one in closely[1:]:
         progress(f"  as closely, {told(one[1].effects[-1])}: {one[1].select:.6g} and {closely[0][1].select:.6g}")
     best = closely[0] if len(closely) == 1 else plainest(bench, closely, 0.0)
-    if (
-        best[1].effects[-1].dry and not is_curve(best) and excess(bench, best[1]) <= CLOSE
-    ):  # what another leaves depends on how it creeps
-        best = plainer(bench, best, progress)
+    if best[1].effects[-1].dry and not is_curve(best) and excess(bench, best[1]) <= CLOSE:
+        best = plainer(bench, best, progress)  # what that leaves depends on how it creeps
     best = of_any_order(bench, best, progress)
     return best, [one for one in tried if all(one is not other for other in alike)] + closely
 

@@ -262,13 +262,9 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
         found = [(one[0], other) if one is likeliest else one for one in found]
         best_name = best_names(found)[0]
     better = _wound_up(bench, _otherwise(bench, best_name[1], progress), progress)
-    far = (
-        not bench.late
-        and not explains(bench, better, first)
-        or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
-    )
+    far = not explains(bench, better, first) or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
     curve = min((left_by(one) for one in found if is_curve(one)), default=np.inf)
-    if far and curve > UNLIKELY * better.select:
+    if far and not bench.late and curve > UNLIKELY * better.select:
         better = elsewhere(bench, better, better.effects[-1], progress)
     return [(one[0], better) if one is best_name else one for one in found]
 

@@ -168,13 +168,9 @@ def factor(at: State, port: str, name: str) -> Any:
 
 def bent(curve: Effect) -> Effect | None:
     """The same curve, but smooth: none for one that is, or is dry, or has too few knots."""
-    if (
-        not isinstance(curve, LearnedLaw)
-        or curve.dry
-        or curve.smooth
-        or curve.period is not None
-        or len(curve.knots) < 4
-    ):
+    if not isinstance(curve, LearnedLaw) or curve.dry or curve.smooth:
+        return None
+    if curve.period is not None or len(curve.knots) < 4:
         return None
     return learned(curve.port, curve.variable, curve.knots, bends=True)(curve.joint, curve.values)
 
