@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from ident.candidates import Candidate
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.minima import LEAST_GAIN, NAMED
+from ident.minima import LEAST_GAIN
 from ident.parts import degrees
-from ident.refits import FINELY, Bench, State, excess
+from ident.refits import FINELY, NAMED, Bench, State, excess
 
 #: An effect earns its place with this share of what was in excess, besides `LEAST_GAIN`.
 LEAST_SHARE = 0.2

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
 
 from ident.choice import Tried, is_curve, left_by
 from ident.minima import creeping_like, crept, told
-from ident.refits import Bench, all_fitted, excess
+from ident.refits import Bench, Refit, State, all_fitted, excess
 
 
 def as_it_creeps(bench: Bench, tried: list[Tried], near: float, progress: Callable[[str], None]) -> list[Tried]:
@@ -21,6 +24,19 @@ def as_it_creeps(bench: Bench, tried: list[Tried], near: float, progress: Callab
         one for one in tried
         if one[1].effects[-1].dry and not is_curve(one) and one[0].key[1:] == best[0].key[1:] and one[0].effect.numbers < law.numbers
     ]  # fmt: skip
-    like_it = [creeping_like(one[1], law.values[-1]) for one in alike]
-    found = dict(zip([id(one) for one in [best, *alike]], [state, *all_fitted(bench, like_it)], strict=True))
+    found = {id(best): state}
+    for one in alike:
+        likewise = min(all_fitted(bench, _likewise(one[1], state)), key=lambda other: other.select)
+        progress(f"  likewise, {told(likewise.effects[-1])}: {excess(bench, likewise):.4g}")
+        found[id(one)] = likewise
     return [(one[0], found.get(id(one), one[1])) for one in tried]
+
+
+def _likewise(one: State, other: State) -> list[Refit]:
+    """The model `one` beside what is fitted in the `other`, its dry last effect creeping as there: of its own size, and of that there."""
+    law, last = one.effects[-1], other.effects[-1]
+    refit = creeping_like(one, last.values[-1])
+    besides = other.minimum.vector[: -len(last.values)]
+    there = dict(zip((p.name for p in last.parameters), last.values, strict=True))
+    sizes = [law.values, [there.get(p.name, value) for p, value in zip(law.parameters, law.values, strict=True)]]
+    return [replace(refit, vector=np.concatenate([besides, values, last.values[-1:]])) for values in sizes]

@@ -15,7 +15,7 @@ from ident.campaign import Campaign
 from ident.campaign_model import model_of_campaign
 from ident.diagnose import Begun, Diagnosis, begin
 from ident.frf import estimate
-from ident.minima import NAMED
+from ident.refits import NAMED
 from symgen.plan import model_of_urdf
 
 #: General links are tried where they leave less than this share of what is left when zeros are believed, beside the same

@@ -9,9 +9,9 @@ from ident.choice import ALIKE, Tried, left_by
 from ident.effects.base import Effect, overrides
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.response import Response
-from ident.minima import LEAST_GAIN, NAMED, fully, told
+from ident.minima import LEAST_GAIN, fully, told
 from ident.parts import degrees
-from ident.refits import Bench, State, excess, linearised, standing
+from ident.refits import NAMED, Bench, State, excess, linearised, standing
 from ident.trace import Linearised
 from ident.trials import refitted
 from symgen.forked import forked

@@ -14,13 +14,24 @@ from ident.effects.carried import FARTHEST, Carrying, carrying, shown
 from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
 from ident.effects.learned import Learned, bent
 from ident.parts import degrees, united
-from ident.refits import BY_ALL, FAINTLY, FULLY, HASTILY, Bench, Refit, State, all_fitted, excess, fitted, same
+from ident.refits import (
+    BY_ALL,
+    FAINTLY,
+    FULLY,
+    HASTILY,
+    NAMED,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    excess,
+    fitted,
+    same,
+)
 from ident.scene import known
 
 #: Fall of chi^2 on the records that chose it with which an effect, or another place, is no matter of noise.
 LEAST_GAIN = 40.0
-#: chi^2 per degree of freedom above which a name leaves something for a curve to explain.
-NAMED = 1.1
 #: Share of itself to which a fit makes chi^2 fall that goes on.
 FALLING = 0.8
 #: Sizes, of what it is, from where what forces is tried again.
@@ -77,9 +88,9 @@ def crept(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if not last.dry or isinstance(last, Creeping | Learned) or excess(bench, state) <= NAMED:
         return state
-    refits = [creeping_like(state, decades) for decades in FROM]
-    here, *others = all_fitted(bench, [replace(Refit.of(state), outer=1, roughly=HASTILY), *refits])
-    best = min(others, key=lambda other: other.select)
+    refits = [replace(Refit.of(state), outer=1, roughly=HASTILY), *(creeping_like(state, decades) for decades in FROM)]
+    here, *others = _until_nothing(bench, refits)
+    best = min(others, key=lambda other: other.select, default=here)
     return best if best.select < here.select - LEAST_GAIN else state
 
 
@@ -146,12 +157,18 @@ def _drawn(state: State) -> bool:
 
 def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
     """The model that fits best of those from these starts, hastily compared, or the first that leaves nothing."""
+    found = _until_nothing(bench, [replace(one, outer=1, roughly=HASTILY) for one in starts])
+    return fitted(bench, Refit.of(min(found, key=lambda other: other.minimum.chi2)))
+
+
+def _until_nothing(bench: Bench, refits: Sequence[Refit]) -> list[State]:
+    """The models of `refits`, up to the first that leaves nothing."""
     found = []
-    for state in all_fitted(bench, [replace(one, outer=1, roughly=HASTILY) for one in starts]):
+    for state in all_fitted(bench, refits):
         found.append(state)
         if excess(bench, state) <= NAMED:
             break
-    return fitted(bench, Refit.of(min(found, key=lambda other: other.minimum.chi2)))
+    return found
 
 
 def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:

@@ -12,12 +12,13 @@ from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plai
 from ident.contact import as_it_creeps
 from ident.curves import curves, responses, wave
 from ident.effects.base import Effect, Law, has_forces, only_forces, only_impedance
-from ident.minima import FALLING, LEAST_GAIN, NAMED, as_declared, elsewhere, fully, told
+from ident.minima import FALLING, LEAST_GAIN, as_declared, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
     FINELY,
     FULLY,
     HASTILY,
+    NAMED,
     Bench,
     Refit,
     State,

@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm_model import Parameters
 from ident.campaign import Array
 from ident.parts import united
-from ident.refits import FIRST_LINES, Bench, Refit, State, excess, fitted
+from ident.refits import FIRST_LINES, HASTILY, Bench, Refit, State, excess, fitted
 from symgen.forked import forked
 
 #: chi^2 that a number of the arm costs which is off by all of its size: no record may show it without a joint excited.
@@ -30,14 +30,16 @@ def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench
     told = {joint: one for joint, one in benches.items() if len(one.split.fit) >= FEWEST}
 
     def work(one: Bench) -> tuple[float, Array]:
-        state = fitted(one, Refit(bench.guess.vector(), (), (), (), lines=FIRST_LINES))
+        state = fitted(one, Refit(bench.guess.vector(), (), (), (), 1, HASTILY))
         return excess(one, state), state.minimum.vector
 
     found = forked(work, list(told.values()), bench.workers)
     left = sorted(((*one, joint) for joint, one in zip(told, found, strict=True)), key=lambda one: one[0])
     if not left or left[0][0] > FAR_LESS * min([excess(bench, start), *(least for least, _, _ in left[1:])]):
         return bench
-    least, vector, joint = left[0]
+    _, vector, joint = left[0]
+    state = fitted(told[joint], Refit(vector, (), (), (), lines=FIRST_LINES))
+    least, vector = excess(told[joint], state), state.minimum.vector
     progress(f"  without records of joint {joint + 1} the arm leaves {least:.3g}: from there")
     n, D = bench.model.chain.n, len(bench.guess.alpha)
     declared = bench.guess.vector()

@@ -8,7 +8,7 @@ from ident.effects.base import Effect, Law, Parameter
 
 #: Decades by which a contact creeps slower or faster at most, and from where that is looked for: slower ones stop too soon for the
 #: samples of a period, and move too little to be seen.
-SLOWEST, FASTEST, FROM = -0.7, 1.0, (-0.7, -0.35, 0.4, 0.8)
+SLOWEST, FASTEST, FROM = -0.7, 1.0, (0.0, -0.35, -0.7, 0.4, 0.8)
 
 
 class Creeping(Law):
