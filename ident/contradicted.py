@@ -22,7 +22,7 @@ from symgen.forked import forked
 @dataclass(frozen=True, eq=False)
 class Off:
     """A declared number that is off: held-out errors with it alone as declared and with it as found; `without` is the model that
-    keeps all such."""
+    keeps all such, the model itself where it has effects: these tell before from after."""
 
     deviation: Deviation
     before: float
@@ -51,7 +51,7 @@ def contradicted(bench: Bench, state: State) -> tuple[Off, ...]:
     if not rows:
         return ()
     after = errors(bench, state, report, held_out).all
-    none = _refitted(bench, _kept(state, [one for one, _ in rows]))
+    none = state if state.effects else _refitted(bench, _kept(state, [one for one, _ in rows]))
     return tuple(Off(one, before, after, none) for one, (_, before) in rows)
 
 

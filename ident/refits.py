@@ -99,7 +99,7 @@ class State:
 @dataclass(frozen=True, eq=False)
 class Refit:
     """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it), first with `doubts`; dry friction
-    from where it was found last, `slid`; by so many `lines` of a record, None: all."""
+    from where it was found last, `slid`; by so many `lines` of a record, None: all, or few if hastily."""
 
     vector: Array
     effects: tuple[Effect, ...]
@@ -149,7 +149,7 @@ def first(bench: Bench) -> State:
     """The arm without effects: from what is declared, and by a detour where something is left."""
     best = fitted(bench, Refit(bench.guess.vector(), (), (), (), lines=FIRST_LINES))
     if excess(bench, best) > NAMED:
-        found = fitted(bench, Refit(bench.guess.vector(), (), (), (), 1, HASTILY, DOUBTS))
+        found = fitted(bench, Refit(bench.guess.vector(), (), (), (), 1, HASTILY, DOUBTS, lines=FIRST_LINES))
         if found.minimum.chi2 < best.minimum.chi2:
             best = min(best, fitted(bench, replace(Refit.of(found), lines=FIRST_LINES)), key=lambda s: s.minimum.chi2)
     return best if excess(bench, best) > BY_ALL else fitted(bench, Refit.of(best))
@@ -163,7 +163,7 @@ def fitted(bench: Bench, refit: Refit) -> State:
         fit, select = (tuple(sampled(one, FEW_SAMPLES) for one in part) for part in (fit, select))
     if hasty:
         fit, select = (part[:: max(1, round(len(part) / FEW_RECORDS))] for part in (fit, select))
-    lines = FEW_LINES if hasty else refit.lines
+    lines = refit.lines or (FEW_LINES if hasty else None)
     if lines is not None:
         fit, select = (tuple(few_lines(one, lines) for one in part) for part in (fit, select))
     problem = replace(bench.problem(fit, *more), slid=refit.slid)

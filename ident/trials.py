@@ -47,6 +47,8 @@ BENT = 100.0
 AHEAD, LEADING = 0.03, 0.1
 #: A force that a curve leaves so far behind is not looked for where it is some other size, nor names that promised much besides.
 UNLIKELY = 0.1
+#: Times what a law leaves that a plainer one leaves in haste that is not it.
+HOPELESS = 10.0
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 is `FALLING` go on so many times.
 FINALISTS, PATIENCE = 3, 4
 #: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
@@ -377,8 +379,10 @@ def plainer(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
     plain, lin = standing(bench, one[1], but_last(one[1]))
     names = catalogue(lin, plain.effects, bench.workers, at=(effect.port, effect.joint))
     likely = [c for c in names if c.effect.numbers < effect.numbers and c.gain > LIKELY * _left(plain, lin)]
-    tried = [(c, fully(bench, new)) for c, new in refitted(bench, plain, [(c, lin) for c in likely], progress)]
-    return plainest(bench, [one, *tried])
+    tried = refitted(bench, plain, [(c, lin) for c in likely], progress)
+    return plainest(
+        bench, [one, *((c, fully(bench, new)) for c, new in tried if not HOPELESS * left_by(one) < new.select)]
+    )
 
 
 def of_any_order(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:

@@ -30,7 +30,7 @@ def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench
     told = {joint: one for joint, one in benches.items() if len(one.split.fit) >= FEWEST}
 
     def work(one: Bench) -> tuple[float, Array]:
-        state = fitted(one, Refit(bench.guess.vector(), (), (), (), 1, HASTILY))
+        state = fitted(one, Refit(bench.guess.vector(), (), (), (), 1, HASTILY, lines=FIRST_LINES))
         return excess(one, state), state.minimum.vector
 
     found = forked(work, list(told.values()), bench.workers)
