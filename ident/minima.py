@@ -9,7 +9,8 @@ import numpy as np
 
 from ident.arm_fit import chi_squared, hold
 from ident.campaign import Array
-from ident.effects.base import Effect, has_forces, only_impedance
+from ident.coupled import DOUBTS
+from ident.effects.base import Effect, Law, has_forces, only_impedance
 from ident.effects.carried import FARTHEST, Carrying, carrying, shown
 from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
 from ident.effects.learned import Learned, bent
@@ -45,6 +46,8 @@ STIFFER = (3.0, 10.0, 30.0)
 SHOWN_AT, MUCH_LESS = 8, 0.5
 #: Times that weights are made anew at the end where a curve is part of a model: its heights would go on for long, for nothing.
 BY_CURVE = 3
+#: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
+PATIENT, STILL = 8, 0.9
 #: Times as stiff, or as fast, from where it is fitted again once links may be off.
 HALF_OR_TWICE = (0.5, 2.0)
 
@@ -172,13 +175,37 @@ def _until_nothing(bench: Bench, refits: Sequence[Refit]) -> list[State]:
 
 
 def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
-    """The model, or a better one fitted from the declared arm: what was missing has led this one far astray."""
-    again = replace(Refit.of(state), vector=as_declared(bench, state))
-    other = _closely(bench, again, excess(bench, state))
-    if other.select >= state.select:
+    """The model, or a better one fitted from the declared arm, at once or by a detour: what was missing has led this one far astray."""
+    declared = replace(Refit.of(state), vector=as_declared(bench, state))
+    for doubts in ((), DOUBTS):
+        other = _closely(bench, replace(declared, doubts=doubts), excess(bench, state))
+        if other.select < state.select:
+            progress(f"  from the declared arm again: {excess(bench, other):.4g}")
+            state = other
+        if excess(bench, state) <= NAMED or bench.late:
+            break
+    return state
+
+
+def winds_up(effect: Effect) -> bool:
+    """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
+    return isinstance(effect, Law) and not effect.linear and not effect.dry
+
+
+def wound_up(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+    """The model, fitted on while chi^2 falls where a force follows from the motion: each of both leads to the other by little."""
+    if not winds_up(state.effects[-1]):
         return state
-    progress(f"  from the declared arm again: {excess(bench, other):.4g}")
-    return other
+    for _ in range(PATIENT):
+        if bench.late or excess(bench, state) <= NAMED:
+            break
+        new = fitted(bench, replace(Refit.of(state), outer=FULLY // 2))
+        progress(f"  on, {told(new.effects[-1])}: {excess(bench, new):.4g}")
+        fell = new.minimum.chi2 < STILL * state.minimum.chi2
+        state = new if fell else state
+        if not fell:
+            break
+    return state
 
 
 def as_declared(bench: Bench, state: State) -> Array:

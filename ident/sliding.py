@@ -100,14 +100,14 @@ def in_turns(
         friction(EVERYWHERE), v, friction(EVERYWHERE)(v)
     )  # not f: a tangent is narrower than what is missing
     if turns >= TURNS and SLID < left < NEARLY:
-        v, f, slope = _closer(friction(EVERYWHERE), np.fft.irfft(alone, S), gives, v, slope)
+        v, f, slope = closer(friction(EVERYWHERE), np.fft.irfft(alone, S), gives, v, slope)
         force = np.fft.rfft(f)
     there = Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S)
     return there, slope, (v.astype(np.float32), f.astype(np.float32))
 
 
-def _closer(
-    friction: Callable[[Array], Array], alone: Array, gives: Complex, v: Array, slope: Array
+def closer(
+    friction: Callable[[Array], Array], alone: Array, gives: Complex, v: Array, slope: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Velocity [S], `friction` and its slope there, closer to where v = alone - gives friction(v), [S] and [S/2 + 1] by harmonics,
     from v and `slope` near it: Newton's steps."""
@@ -120,6 +120,7 @@ def _closer(
         return force, v - alone + yielded(force)
 
     f, left = missing(v)
+    slope = _slope(friction, v, f) if slope is None else slope
     for _ in range(CLOSER):
         step = _along_tangent(yielded, slope, left)
         for share in SHARES:

@@ -22,7 +22,7 @@ from ident.frf import Complex
 from ident.likely_motion import Force, Forces, Key, LikelyMotion
 from ident.marching import marched
 from ident.scene import Scene
-from ident.sliding import EVERYWHERE, TURNS, Where, balanced, in_turns, told_by
+from ident.sliding import EVERYWHERE, TURNS, Where, balanced, closer, in_turns, told_by
 from ident.whitening import Powers
 
 #: Times all forces are found from the motion under all the others.
@@ -203,11 +203,13 @@ def _yielding(
         if not DIVERGED * least > change > SETTLED * size:
             break
     instant = all(isinstance(law, Law) for law in laws)  # of no memory
-    if march and instant and least > SETTLED * size and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
+    if instant and least > SETTLED * size and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
         rest, yields = (load / K, 1.0 / K) if port == "spring" else (mean, 0.0)
         alone, gives = _by_instants(scene, x0, Y, rest, yields)
-        periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[:: scene.samples // len(alone)])
-        return _likeliest(arm, key, on, best, islice(periods, PERIODS))
+        step = scene.samples // len(alone)
+        _, against, _ = closer(lambda x: -force(x, 0.0 * x), alone, np.fft.rfft(gives), x[::step])
+        periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[::step])
+        return _likeliest(arm, key, on, best, chain([-against], islice(periods, PERIODS if march else 0)))
     return Force.of(scene, best)
 
 

@@ -11,12 +11,11 @@ from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, othe
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
 from ident.contact import as_it_creeps
 from ident.curves import curves, responses, wave
-from ident.effects.base import Effect, Law, has_forces, only_forces, only_impedance
-from ident.minima import FALLING, LEAST_GAIN, as_declared, elsewhere, fully, told
+from ident.effects.base import Effect, has_forces, only_forces, only_impedance
+from ident.minima import FALLING, LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
 from ident.parts import degrees
 from ident.refits import (
     FINELY,
-    FULLY,
     HASTILY,
     NAMED,
     Bench,
@@ -51,8 +50,6 @@ UNLIKELY = 0.1
 HOPELESS = 10.0
 #: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 is `FALLING` go on so many times.
 FINALISTS, PATIENCE = 3, 4
-#: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
-PATIENT, STILL = 8, 0.9
 #: How many times the noise the error of a model is that is near.
 CLOSE = 3.0
 #: Share of what was in excess without effects below which nothing more is looked for once little is left; where much is, an
@@ -230,7 +227,8 @@ def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
     """A name so far ahead of all other candidates that these need not be fitted finely; none if it leaves nothing already, where only
     those near it are; `first` as in `explains`."""
     order = sorted(tried, key=left_by)
-    if len(order) < 2 or is_curve(order[0]) or left_by(order[0]) > min(LEADING * left_by(order[1]), first):
+    others = [left_by(one) for one in order if one[0].key != order[0][0].key]
+    if not others or is_curve(order[0]) or left_by(order[0]) > min(LEADING * others[0], first):
         return None
     return None if explains(bench, order[0][1], first, CLOSE**2) else order[0]
 
@@ -244,7 +242,9 @@ def outshines(bench: Bench, one: Tried, first: float) -> bool:
 
 def at_minimum(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
     """A candidate that is far ahead, at its minimum."""
-    state = fully(bench, _wound_up(bench, _otherwise(bench, one[1], progress), progress))
+    state = fully(bench, wound_up(bench, _otherwise(bench, one[1], progress), progress))
+    if winds_up(state.effects[-1]) and excess(bench, state) > NAMED and not bench.late:
+        state = afresh(bench, state, progress)
     progress(f"  far ahead, {told(state.effects[-1])}: {excess(bench, state):.4g}")
     return one[0], state
 
@@ -264,7 +264,7 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     if likeliest is not best_name and (other := _other_whole(bench, likeliest[1], progress)) is not likeliest[1]:
         found = [(one[0], other) if one is likeliest else one for one in found]
         best_name = best_names(found)[0]
-    better = _wound_up(bench, _otherwise(bench, best_name[1], progress), progress)
+    better = wound_up(bench, _otherwise(bench, best_name[1], progress), progress)
     far = not explains(bench, better, first) or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
     curve = min((left_by(one) for one in found if is_curve(one)), default=np.inf)
     if far and not bench.late and curve > UNLIKELY * better.select:
@@ -326,27 +326,6 @@ def _law_leads(tried: Sequence[Tried], first: float) -> bool:
     if len(named) < 2 or left_by(named[0]) >= first:
         return False
     return only_forces(named[0][0].effect) and left_by(named[0]) <= AHEAD * left_by(named[1])
-
-
-def winds_up(effect: Effect) -> bool:
-    """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
-    return isinstance(effect, Law) and not effect.linear and not effect.dry
-
-
-def _wound_up(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
-    """The model, fitted on while chi^2 falls where a force follows from the motion: each of both leads to the other by little."""
-    if not winds_up(state.effects[-1]):
-        return state
-    for _ in range(PATIENT):
-        if bench.late or excess(bench, state) <= NAMED:
-            break
-        new = fitted(bench, replace(Refit.of(state), outer=FULLY // 2))
-        progress(f"  on, {told(new.effects[-1])}: {excess(bench, new):.4g}")
-        fell = new.minimum.chi2 < STILL * state.minimum.chi2
-        state = new if fell else state
-        if not fell:
-            break
-    return state
 
 
 def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> State:

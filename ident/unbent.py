@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.arm_model import Parameters
 from ident.campaign import Array
+from ident.coupled import DOUBTS
 from ident.parts import united
 from ident.refits import FIRST_LINES, HASTILY, Bench, Refit, State, excess, fitted
 from symgen.forked import forked
@@ -30,7 +31,7 @@ def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench
     told = {joint: one for joint, one in benches.items() if len(one.split.fit) >= FEWEST}
 
     def work(one: Bench) -> tuple[float, Array]:
-        state = fitted(one, Refit(bench.guess.vector(), (), (), (), 1, HASTILY, lines=FIRST_LINES))
+        state = fitted(one, Refit(bench.guess.vector(), (), (), (), 1, HASTILY, DOUBTS, lines=FIRST_LINES))
         return excess(one, state), state.minimum.vector
 
     found = forked(work, list(told.values()), bench.workers)
