@@ -16,6 +16,7 @@ from ident.minima import FALLING, LEAST_GAIN, afresh, as_declared, elsewhere, fu
 from ident.parts import degrees
 from ident.refits import (
     FINELY,
+    FIRST_LINES,
     HASTILY,
     NAMED,
     Bench,
@@ -28,6 +29,7 @@ from ident.refits import (
     linearised,
     standing,
 )
+from ident.shapes import bending
 from ident.trace import Linearised
 from symgen.forked import forked
 
@@ -104,6 +106,8 @@ def hasty(
         yield _from_fitted(bench, state, lin, progress)
     else:
         tried = _from_fitted(bench, state, lin, progress)
+        if _explaining(bench, tried, first) is None:
+            tried += _bending(bench, state, lin, progress)
         found = _explaining(bench, tried, first)
         if found is None or only_impedance(found):
             tried += _from_declared(bench, state, found, progress)
@@ -190,6 +194,15 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
         again += [_larger(c) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
     return as_it_creeps(bench, refitted(bench, state, [(c, declared) for c in again], progress), CLOSE**2, progress)
+
+
+def _bending(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+    """The impedances of many shapes that may have bent the arm, from plausible ones, by few lines; the best refitted as others are."""
+    likely = bending(lin, state.effects)
+    refits = [replace(_with(bench, state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
+    left = [new.select for new in all_fitted(bench, refits)]
+    best = sorted(zip(left, range(len(left)), strict=True))[:CURVES]
+    return refitted(bench, state, [(likely[k], lin) for _, k in best], progress)
 
 
 def _larger(one: Candidate) -> Candidate:

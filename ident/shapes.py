@@ -1,0 +1,43 @@
+"""Impedances tried at plausible shapes, whatever they promise: what has bent the fitted arm far promises nothing from there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+from ident.candidates import Candidate, units
+from ident.effects.base import Effect, Parameter, only_impedance
+from ident.effects.catalogue import CATALOGUE
+from ident.trace import Linearised
+
+#: Numbers of an impedance, all of them shapes, that are many.
+MANY = 4
+#: The least scale of a value.
+TINY = 1e-12
+#: Share of the least and largest plausible stiffness from where one is tried.
+STIFF = 0.5
+
+
+def bending(lin: Linearised, taken: Sequence[Effect]) -> list[Candidate]:
+    """The impedances of many shapes at every joint, or of the arm, that are not `taken` yet, each from a few plausible shapes."""
+    found = []
+    for kind in CATALOGUE.values():
+        if len(kind.parameters) < MANY or any(p.zero is not None for p in kind.parameters):
+            continue
+        places: list[int | None] = list(range(lin.problem.n)) if "joint" in kind.scope else [None]
+        for joint in (place for place in places if all((kind.name, place) != (e.name, e.joint) for e in taken)):
+            unit = units(lin, kind, joint)
+            options = [_plausible(p, u) for p, u in zip(kind.parameters, unit, strict=True)]
+            effects = [kind(joint, values) for values in product(*options)]
+            found += [
+                Candidate(e, 0.0, tuple(max(abs(v), TINY) for v in e.values)) for e in effects if only_impedance(e)
+            ]
+    return found
+
+
+def _plausible(p: Parameter, unit: float) -> tuple[float, ...]:
+    if p.whole:
+        return p.sizes
+    if p.relative == "K":
+        return STIFF * min(p.sizes) * unit, STIFF * max(p.sizes) * unit
+    return (p.sizes[0] * unit,)
