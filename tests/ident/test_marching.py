@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import islice
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from ident.marching import marched
+from ident.sliding import closer
 
 S, F0 = 1024, 1.0
 #: An oscillator under two harmonics: mass, damper, spring.
@@ -54,3 +56,28 @@ def test_a_stop_that_is_hit_is_that_of_an_integrated_oscillator() -> None:
 def test_it_ends_where_the_motion_leaves_all_bounds() -> None:
     alone, gives = oscillator()
     assert len(list(islice(marched(alone, -gives, lambda x: 5e3 * x, alone, np.ones(S)), 50))) < 50
+
+
+def test_newtons_steps_find_the_motion_of_a_spring_that_stiffens() -> None:
+    """From the motion under the best line through it: the same as marched until it repeats."""
+
+    def law(x: np.ndarray) -> np.ndarray:
+        return np.asarray(8.0e3 * x**3)
+
+    alone, gives = oscillator()
+    softer = -1.0 / np.fft.rfft(gives)
+    v, line = alone, 0.0
+    for _ in range(60):
+        line = 0.7 * line + 0.3 * float(law(v) @ v / (v @ v))
+        v = np.fft.irfft(np.fft.rfft(alone) * softer / (softer + line), S)
+    assert line > 0.5 * K
+    x, force, _ = closer(law, alone, -np.fft.rfft(gives), v)
+    assert left(law, alone, gives, v) > 0.1 > 1e-4 > left(law, alone, gives, x)
+    *_, repeated = islice(marched(alone, gives, law, alone, np.zeros(S)), 25)
+    assert np.std(force - repeated) < 1e-3 * np.std(force)
+
+
+def left(law: Callable[[np.ndarray], np.ndarray], alone: np.ndarray, gives: np.ndarray, x: np.ndarray) -> float:
+    """By how much of itself a motion is not that of the force that it makes."""
+    moved = alone + np.fft.irfft(np.fft.rfft(gives) * np.fft.rfft(law(x)), S)
+    return float(np.std(x - moved) / np.std(x))

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 import ident.choice
+import ident.minima
 import ident.trials
 from ident.choice import vanished
 from ident.effects.base import Effect
@@ -28,7 +29,8 @@ WAVE = TransmissionError(1, (1e-4, 2.0, 0.0))
 def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
     BENCH.split = SimpleNamespace(select=())
     monkeypatch.setattr(ident.trials, "degrees", lambda data: DOF)
-    monkeypatch.setattr(ident.trials, "excess", lambda bench, state: state.select / DOF)
+    for module in (ident.trials, ident.minima):
+        monkeypatch.setattr(module, "excess", lambda bench, state: state.select / DOF)
 
 
 def one(effect: Effect, level: float, roughly: float = HASTILY) -> Any:
@@ -149,3 +151,10 @@ def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:
         and not vanished(HARD)
         and not vanished(CURVE.with_values([0.1, 0.0, 0.0]))
     )
+
+
+def test_a_law_is_ahead_of_others_whatever_else_it_was_tried_with() -> None:
+    tried = [one(HARD, 29.0), one(SpringHardening(1, (2e7,)), 220.0), one(DRY, 900.0)]
+    assert ahead(BENCH, tried, 1000.0 * DOF) is tried[0]
+    assert ahead(BENCH, [*tried, one(WAVE, 280.0)], 1000.0 * DOF) is None
+    assert ahead(BENCH, tried[:2], 1000.0 * DOF) is None, "nothing else was tried"
