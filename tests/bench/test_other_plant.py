@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +15,8 @@ from ident.either_model import diagnose_either
 from symgen.robot import load_robot
 
 pytestmark = pytest.mark.bench
-ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+ROBOTS = Path(__file__).parents[2] / "robots"
+ROBOT = load_robot(ROBOTS / "ypp3")
 #: Times the noise that is left at most where something was found, and names that are told for a law.
 NEAR = 1.35
 
@@ -45,3 +47,20 @@ def test_what_another_plant_lacks_is_found(effect: Undeclared | None, name: str)
     assert told == ([] if effect is None else [(name, effect.joint)])
     assert found.after.all < NEAR * found.after.noise
     assert found.status == ("explained" if effect is None else "effect-found")
+
+
+@pytest.mark.parametrize(
+    ("effect", "name"),
+    [
+        pytest.param(Undeclared("motor", 1, lambda at: rubs(0.03, 0.02)(at.omega)), "motor-coulomb", id="a motor that rubs"),
+        pytest.param(Undeclared("spring", 0, lambda at: 5e8 * at.deflection**3), "spring-hardening", id="a spring that hardens"),
+    ],
+)  # fmt: skip
+def test_what_another_plant_of_six_joints_lacks_is_found_in_time(effect: Undeclared, name: str) -> None:
+    robot = load_robot(ROBOTS / "arm6")
+    campaign = simulate(robot, planned(robot), effect, seed=12)
+    begun = time.monotonic()
+    found, _ = diagnose_either(campaign, workers=2)
+    assert [(one.effect.name, one.effect.joint) for one in found.added] == [(name, effect.joint)]
+    assert found.after.all < NEAR * found.after.noise
+    assert time.monotonic() - begun < 180.0
