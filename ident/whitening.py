@@ -15,6 +15,8 @@ from ident.frf import Complex, moving_average
 MODEL_ACCURACY = 1e-8
 #: Lines over which the first guess of the noise power is smoothed, and the passes that replace it by its model.
 SMOOTHED, NOISE_PASSES = 15, 3
+#: Share of the largest torque noise from which a smaller one is looked for, and steps to the likeliest powers.
+SMALL, STEPS = 1e-3, 10
 #: Lines over which an angle is averaged that a doubt is relative to: a line that was not excited has none of its own.
 NEIGHBOURS = 7
 
@@ -64,7 +66,30 @@ def noise_powers(
         size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
         powers = nnls(X / size, (power * weight).ravel())[0] / size
         predicted = rows @ powers
-    return Powers(powers[:m], np.maximum(powers[m:], least), G)
+    torque, angle = _likeliest(G, error, powers[:m], powers[m:], least)
+    return Powers(torque, least + angle, G)
+
+
+def _likeliest(G: Complex, error: Complex, torque: Array, angle: Array, least: Array) -> tuple[Array, Array]:
+    """The powers [m] of torques and angles, these beyond `least` [L, m], under which samples [R, L, m] of the error are likeliest, as
+    vectors: from ones under which each angle alone is.
+
+    A joint that drifts would leave others without noise of their own, and what these do together impossible. Every step makes the
+    samples likelier (H. Zhou et al., J. Comput. Graph. Stat. 28 (2019), DOI 10.1080/10618600.2018.1529601).
+    """
+    m, L = len(torque), len(G)
+    rows = np.concatenate([G, np.broadcast_to(np.eye(m), (L, m, m))], axis=2)
+    powers = np.concatenate([np.maximum(torque, SMALL * torque.max()), np.maximum(angle, least.min(axis=0))])
+    samples = np.moveaxis(error, 0, 2)
+    for _ in range(STEPS):
+        covariance = (rows * powers) @ np.swapaxes(rows.conj(), 1, 2)
+        covariance[:, range(m), range(m)] += least
+        W = np.linalg.inv(np.linalg.cholesky(covariance))
+        X = W @ rows
+        seen = (np.abs(np.swapaxes(X.conj(), 1, 2) @ (W @ samples)) ** 2).mean(axis=2).sum(axis=0)
+        expected = (np.abs(X) ** 2).sum(axis=(0, 1))
+        powers = powers * np.sqrt(seen / np.maximum(expected, 1e-300))
+    return powers[:m], powers[m:]
 
 
 def whitening(powers: Powers, theta: Complex, doubt: float = 0.0) -> Complex:
