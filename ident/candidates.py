@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -209,6 +209,15 @@ def _possible(lin: Linearised, effect: Effect, unit: Sequence[float]) -> Candida
         return None
 
 
+def larger(one: Candidate, times: float) -> Candidate:
+    """The candidate, its sizes so many times as large: what moves less for its own force promises less than it is."""
+    values = [
+        value * (1.0 if p.zero is None else times)
+        for value, p in zip(one.effect.values, one.effect.parameters, strict=True)
+    ]
+    return replace(one, effect=one.effect.with_values(values))
+
+
 def otherwise(lin: Linearised, effect: Effect) -> list[Candidate]:
     """Effects like this one with another whole number, an order or the record of a change: `MORE` of those that promise most."""
     kind, unit = type(effect), units(lin, type(effect), effect.joint)
@@ -300,7 +309,7 @@ def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequen
         for phase in (0.0, np.pi / 2):
             trial = list(values)
             trial[f] = phase
-            columns.append(added(lin, effect.with_values(_only(kind, trial, a, 1.0))))
+            columns.append(added(lin, effect.with_values(only_size(kind, trial, a, 1.0))))
         c, gain = lin.step(columns)
         values[f] = float(np.arctan2(c[1], c[0]))
         values[a] *= float(np.hypot(*c))
@@ -310,7 +319,7 @@ def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequen
             share = 1.0 if p.linear or p.name == "gap" else SMALL
             size = values[k] if values[k] else unit[k] * max(abs(x) for x in p.sizes)
             moved.append(size * share)
-            only = _only(kind, values, k, 1.0)
+            only = only_size(kind, values, k, 1.0)
             only[k] = size * share
             columns.append(added(lin, effect.with_values(only)))
         stuck = _stuck(lin, effect) if kind.dry else ()
@@ -363,7 +372,7 @@ def _held(lin: Linearised, effect: Effect, at: int) -> float:
     return share * (2.0 - share) * max(fall, 0.0)
 
 
-def _only(kind: type[Effect], values: Sequence[float], keep: int, share: float) -> list[float]:
+def only_size(kind: type[Effect], values: Sequence[float], keep: int, share: float) -> list[float]:
     """`values` with all sizes but one at zero, shapes kept."""
     return [
         v * share if k == keep else v if p.zero is None else p.zero

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ident.added import Added
+from ident.alike import names_alike
 from ident.choice import ALIKE, TIE, Tried, best_names, chosen, is_curve, plainest, rivals, vanished
 from ident.departures import errors
-from ident.effects.base import Effect
+from ident.effects.base import Effect, has_forces
 from ident.gains import named_gains
 from ident.minima import fully, since, told
 from ident.parts import degrees, sampled
@@ -40,6 +41,7 @@ from ident.trials import (
     outshines,
     plainer,
     polished,
+    refitted,
     resting,
 )
 from symgen.forked import forked
@@ -174,6 +176,9 @@ def _best(
     if bench.late:
         return best, tried
     if best is not None and is_curve(best):
+        if has_forces(best[1].effects[-1]) and excess(bench, best[1]) <= CLOSE**2:
+            plain, likely = names_alike(best[1])
+            tried += refitted(bench, plain, likely, progress)
         for name in best_names(tried)[:1]:  # which may do as well at its minimum
             tried = [(one[0], fully(bench, one[1])) if one is name else one for one in tried]
         best = chosen(bench, tried, state.select)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.candidates import Candidate, best_of, bounds, catalogue, nearer, otherwise, units
+from ident.candidates import Candidate, best_of, bounds, catalogue, larger, nearer, otherwise, units
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
 from ident.contact import as_it_creeps
 from ident.curves import curves, responses, wave
@@ -192,7 +192,7 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
         likely = catalogue(declared, state.effects, bench.workers)[: 2 * SURELY]
         likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
-        again += [_larger(c) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
+        again += [larger(c, LARGER) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
     return as_it_creeps(bench, refitted(bench, state, [(c, declared) for c in again], progress), CLOSE**2, progress)
 
 
@@ -203,15 +203,6 @@ def _bending(bench: Bench, state: State, lin: Linearised, progress: Callable[[st
     left = [new.select for new in all_fitted(bench, refits)]
     best = sorted(zip(left, range(len(left)), strict=True))[:CURVES]
     return refitted(bench, state, [(likely[k], lin) for _, k in best], progress)
-
-
-def _larger(one: Candidate) -> Candidate:
-    """The candidate, its sizes larger: what moves less for its own force promises less than it is."""
-    values = [
-        value * (1.0 if p.zero is None else LARGER)
-        for value, p in zip(one.effect.values, one.effect.parameters, strict=True)
-    ]
-    return replace(one, effect=one.effect.with_values(values))
 
 
 def refitted(

@@ -1,0 +1,138 @@
+"""Names whose law has the force of a curve that was found: as large as there, from the arm that was found with it.
+
+A name that is tried from an arm which its effect has bent may not find its way; a curve, straight in its heights, does, and
+tells force and arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from ident.campaign import Array
+from ident.candidates import ORDERS, Candidate, bounds, only_size, units
+from ident.effects.base import Effect, PeriodicLaw
+from ident.effects.catalogue import CATALOGUE
+from ident.effects.motion import Motion
+from ident.refits import State, but_last, linearised, some
+from ident.trace import Linearised
+
+#: Samples of a record by which forces are compared; share of what a straight line leaves of a curve's force that a name may leave, and
+#: names that are tried.
+SAMPLES, LIKE, MOST = 256, 0.1, 2
+#: Which number of the drive (`Parameters`: K, J_m, D, D_spring) is the slope of a force at a port by position or rate, and its sign.
+SLOPES = {"spring": ((0, 1.0), (3, 1.0)), "motor": (None, (2, -1.0)), "link": (None, None)}
+#: The least share of itself that such a number has once a name is in the curve's place.
+LEAST = 0.1
+
+
+def names_alike(state: State) -> tuple[State, list[tuple[Candidate, Linearised]]]:
+    """The model without its last effect, a curve; and names at its port that have nearly its force beside a straight line, best first,
+    each with the arm to be refitted from."""
+    curve, lin = state.effects[-1], linearised(state.problem, state.minimum.vector)
+    less = some(state, but_last(state))
+    plain = replace(state, effects=less.effects, scales=less.scales, limits=less.limits)
+    best: dict[str, tuple[float, Effect, Array]] = {}
+    drawn, problem = Drawn.of(lin, curve), replace(state.problem, effects=less.effects)
+    for effect in _likely(lin, curve):
+        found = drawn.by(effect)
+        if found is not None and found[0] < min(LIKE, best.get(effect.name, found)[0] + 1e-12):
+            best[effect.name] = found
+    tried = []
+    for share, effect, slopes in sorted(best.values(), key=lambda one: one[0])[:MOST]:
+        unit = units(lin, type(effect), effect.joint)
+        scales = tuple(max(abs(v), 1e-12 * u) for v, u in zip(effect.values, unit, strict=True))
+        vector = _with_slopes(state, less.vector, curve, slopes)
+        tried.append(
+            (Candidate(effect, (1.0 - share) * lin.chi2, scales), replace(lin, problem=problem, vector=vector))
+        )
+    return plain, tried
+
+
+def _likely(lin: Linearised, curve: Effect) -> Iterator[Effect]:
+    """Laws at the port of a curve, of every shape that is plausible there."""
+    for kind in CATALOGUE.values():
+        if not (kind.injectable and issubclass(kind, PeriodicLaw) and kind.port == curve.port and not kind.linear):
+            continue
+        unit = units(lin, kind, curve.joint)
+        shapes = [
+            ORDERS if p.name == "order" else (0.0,) if p.name == "phase" else tuple(u * size for size in p.sizes)
+            if p.zero is None else (u * p.sizes[0],)
+            for p, u in zip(kind.parameters, unit, strict=True)
+        ]  # fmt: skip
+        for values in product(*shapes):
+            yield kind(curve.joint, tuple(map(float, values)))
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """The `force` [k] of a curve in some samples of the `motions` of the records that move its joint, position and rate there
+    `straight` [k, 2], each without its mean."""
+
+    lin: Linearised
+    motions: tuple[Motion, ...]
+    force: Array
+    straight: Array
+
+    @staticmethod
+    def of(lin: Linearised, curve: Effect) -> Drawn:
+        every = zip(lin.problem.data, lin.motions[curve.port], strict=True)
+        motions = tuple(motion for one, motion in every if curve.joint in one.scene.arm.live)
+        lines = [np.stack(motion.at(curve.port, int(curve.joint or 0))[:2], axis=1) for motion in motions]
+        return Drawn(lin, motions, _forces(motions, curve), np.concatenate([_few(line) for line in lines]))
+
+    def by(self, effect: Effect) -> tuple[float, Effect, Array] | None:
+        """The law as large as it has the force best, beside straight lines of position and rate; the share that it leaves of what these
+        alone leave, and their slopes [2]. None where it can not."""
+        kind, names = type(effect), [p.name for p in effect.parameters]
+        sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None]
+        if not all(effect.parameters[k].linear for k in sizes):
+            return None
+        ones = [effect.with_values(only_size(kind, effect.values, k, 1.0)) for k in sizes]
+        if "phase" in names:
+            ones.append(ones[0].with_value(names.index("phase"), np.pi / 2))
+        X = np.column_stack([*(_forces(self.motions, one) for one in ones), self.straight])
+        found, left = _best(X, self.force)
+        _, alone = _best(self.straight, self.force)
+        c, values = found[:-2], list(effect.values)
+        if "phase" in names:
+            values[names.index("phase")] = float(np.arctan2(c[1], c[0]))
+            c = np.array([np.hypot(*c)])
+        for k, factor in zip(sizes, c, strict=True):
+            values[k] = float(factor * values[k])
+        limits = [bounds(p, u) for p, u in zip(kind.parameters, units(self.lin, kind, effect.joint), strict=True)]
+        if not all(low <= v <= high for v, (low, high) in zip(values, limits, strict=True)):
+            return None
+        return left / max(alone, 1e-300), effect.with_values(values), found[-2:]
+
+
+def _best(X: Array, force: Array) -> tuple[Array, float]:
+    """The shares of columns [k, c] that make a force [k] best, and the squares that are left."""
+    size = np.linalg.norm(X, axis=0) + 1e-300
+    found = np.linalg.lstsq(X / size, force, rcond=None)[0] / size
+    return found, float(np.sum((force - X @ found) ** 2))
+
+
+def _forces(motions: Sequence[Motion], effect: Effect) -> Array:
+    return np.concatenate([_few(np.asarray(effect.force(motion))) for motion in motions])
+
+
+def _few(signal: Array) -> Array:
+    """Some of a record's samples, without their mean: a constant torque moves nothing for ever."""
+    few = signal[:: max(1, len(signal) // SAMPLES)]
+    return few - few.mean(axis=0)
+
+
+def _with_slopes(state: State, vector: Array, curve: Effect, slopes: Array) -> Array:
+    """The parameters with the straight lines of a curve's force as stiffness and damping."""
+    n, vector = state.problem.n, vector.copy()
+    for place, slope in zip(SLOPES[curve.port], slopes, strict=True):
+        if place is None:
+            continue
+        at = place[0] * n + int(curve.joint or 0)
+        was = float(np.exp(vector[at]))
+        vector[at] = np.log(max(was + place[1] * slope, LEAST * was))
+    return vector
