@@ -23,6 +23,8 @@ from symgen.plan import model_of_urdf
 BETTER = 0.8
 #: They are tried, too, where they explain the records with so many effects fewer.
 FEWER = 2
+#: They are taken where they explain the records with this share of the causes: which numbers are told as off is chance at the margin.
+HALF = 0.5
 
 
 def diagnose_either(
@@ -65,7 +67,7 @@ def _diagnosed(
         explained and _things(simple) > 1 and (alone or _fewer_do(general, simple))
     ):  # what needs fewer causes is likelier
         found = general.diagnosed(progress)
-        if found.left <= NAMED and _things(found) < _things(simple):
+        if found.left <= NAMED and _things(found) <= HALF * _things(simple):
             return found, notes
     if not explained and (alone or (not general.bench.late and general.left_beside(simple) < BETTER * simple.left)):
         found = general.diagnosed(progress)
