@@ -13,6 +13,7 @@ import pytest
 from outside import OUTSIDE
 
 from ident.added import drawn_over, outdone, pruned
+from ident.alike import names_alike
 from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.coupled import declared_start
@@ -24,7 +25,7 @@ from ident.effects.learned import bent, learned
 from ident.effects.motion import State
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
-from ident.minima import told
+from ident.minima import fully, told
 from ident.parts import Split
 from ident.periods import spectrum
 from ident.refits import Bench, Refit, excess, first, fitted
@@ -140,7 +141,7 @@ def test_a_curve_that_is_a_factor() -> None:
 
 @cache
 def bench(name: str, *values: float, rests: tuple[float, ...] = RESTS) -> Bench:
-    """Short records with an effect that is in no catalogue, the same to fit, choose and report."""
+    """Short records with an effect, of no catalogue or of ours, the same to fit, choose and report."""
     chain = chain_of_robot(SHORT)
     rest = np.array(plan_of_robot(SHORT).cells[0].q)
     cells = []
@@ -148,7 +149,7 @@ def bench(name: str, *values: float, rests: tuple[float, ...] = RESTS) -> Bench:
         q = rest.copy()
         q[JOINT] = angle
         cells.append((chain.names[JOINT], q))
-    c = simulate(chain, SHORT, cells, effects=[OUTSIDE[name](JOINT, values)], workers=1, seed=3)
+    c = simulate(chain, SHORT, cells, effects=[{**OUTSIDE, **CATALOGUE}[name](JOINT, values)], workers=1, seed=3)
     model = make_model(chain, believe_zeros=True)
     basis = gravity_basis(model, c.gravity)
     responses = tuple(estimate(record, c) for record in c.records)
@@ -273,6 +274,23 @@ def test_friction_that_is_lost_with_speed_is_drawn_with_the_motion_that_it_leave
     assert isinstance(drawn, Law) and isinstance(true, Law)
     forces = [np.asarray(one.law(replace(state(0.0), q_rate=lost))) for one in (drawn, true)]
     assert np.abs(forces[0] - forces[1]).max() < 0.1 * law[1]
+
+
+@pytest.mark.parametrize(
+    ("law", "port"),
+    [(("spring-hardening", 1e7), "spring"), (("torque-ripple", 2e-3, 4.0, 0.5), "motor")],
+    ids=["hardening", "ripple"],
+)
+def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tuple[Any, ...], port: str) -> None:
+    """From the arm that was found with the curve, which is not bent."""
+    drawn = [c for c in curves(left(*law)) if told(c.effect).startswith(f"unknown at joint 2: position at the {port}")]
+    ((_, state),) = refitted(bench(*law), declared(*law), [(drawn[0], left(*law))], lambda line: None)
+    state = fitted(bench(*law), Refit.of(state))
+    plain, likely = names_alike(state)
+    assert plain.effects == () and likely[0][0].effect.name == law[0]
+    assert likely[0][0].effect.values == pytest.approx(law[1:], rel=0.3)
+    ((_, found),) = refitted(bench(*law), plain, likely[:1], lambda line: None)
+    assert excess(bench(*law), fully(bench(*law), found)) < 1.1
 
 
 @pytest.mark.parametrize(
