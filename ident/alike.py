@@ -17,15 +17,13 @@ from ident.candidates import ORDERS, Candidate, bounds, only_size, units
 from ident.effects.base import Effect, PeriodicLaw
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import Motion
-from ident.refits import State, but_last, linearised, some
+from ident.refits import SLOPES, State, but_last, linearised, some
 from ident.trace import Linearised
 
 #: Samples of a record by which forces are compared; share of what a straight line leaves of a curve's force that a name may leave, and
 #: names that are tried.
 SAMPLES, LIKE, MOST = 256, 0.1, 2
-#: Which number of the drive (`Parameters`: K, J_m, D, D_spring) is the slope of a force at a port by position or rate, and its sign.
-SLOPES = {"spring": ((0, 1.0), (3, 1.0)), "motor": (None, (2, -1.0)), "link": (None, None)}
-#: The least share of itself that such a number has once a name is in the curve's place.
+#: The least share of itself that a stiffness or damping has which takes over the straight line of a curve's force.
 LEAST = 0.1
 
 
@@ -128,11 +126,11 @@ def _few(signal: Array) -> Array:
 
 def _with_slopes(state: State, vector: Array, curve: Effect, slopes: Array) -> Array:
     """The parameters with the straight lines of a curve's force as stiffness and damping."""
-    n, vector = state.problem.n, vector.copy()
-    for place, slope in zip(SLOPES[curve.port], slopes, strict=True):
-        if place is None:
-            continue
-        at = place[0] * n + int(curve.joint or 0)
-        was = float(np.exp(vector[at]))
-        vector[at] = np.log(max(was + place[1] * slope, LEAST * was))
+    n, joint, vector = state.problem.n, int(curve.joint or 0), vector.copy()
+    for variable, slope in zip(("position", "velocity"), slopes, strict=True):
+        place = SLOPES.get((curve.port, variable))
+        if place is not None:
+            was = float(np.exp(vector[place * n + joint]))
+            more = slope if curve.port == "spring" else -slope
+            vector[place * n + joint] = np.log(max(was + more, LEAST * was))
     return vector
