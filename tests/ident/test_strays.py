@@ -50,3 +50,10 @@ def test_dry_friction_over_periods_is_the_mean_of_that_in_each() -> None:
     assert np.abs(found - expected).max() < 1e-4 * 0.02
     assert np.abs(of_the_mean - expected).max() > 0.02 * 0.02
     assert over_periods(law, at_speed(omega), "motor", None) == pytest.approx(law(at_speed(omega)))
+
+
+def test_a_period_in_which_a_transient_died_away_tells_nothing_of_the_others() -> None:
+    angle = np.tile(REPEATING, M) + 0.1 * np.exp(-T / 0.02) + 1e-4 * np.sin(9.2 * T)
+    found = strays(angle, REPEATING, FS, 5e-3, S)
+    assert found.shape == (M - 1, S)
+    assert np.abs(found).max() < 2e-3
