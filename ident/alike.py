@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -18,6 +19,7 @@ from ident.effects.base import Effect, PeriodicLaw
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import Motion
 from ident.refits import SLOPES, State, but_last, linearised, some
+from ident.shapes import TINY
 from ident.trace import Linearised
 
 #: Samples of a record by which forces are compared; share of what a straight line leaves of a curve's force that a name may leave, and
@@ -26,6 +28,9 @@ SAMPLES, LIKE, MOST = 256, 0.1, 2
 #: The least share of itself that a stiffness or damping has which takes over the straight line of a curve's force.
 LEAST = 0.1
 
+#: The unit of each value of an effect, see `units`.
+Units = tuple[float, ...]
+
 
 def names_alike(state: State) -> tuple[State, list[tuple[Candidate, Linearised]]]:
     """The model without its last effect, a curve; and names at its port that have nearly its force beside a straight line, best first,
@@ -33,16 +38,14 @@ def names_alike(state: State) -> tuple[State, list[tuple[Candidate, Linearised]]
     curve, lin = state.effects[-1], linearised(state.problem, state.minimum.vector)
     less = some(state, but_last(state))
     plain = replace(state, effects=less.effects, scales=less.scales, limits=less.limits)
-    best: dict[str, tuple[float, Effect, Array]] = {}
     drawn, problem = Drawn.of(lin, curve), replace(state.problem, effects=less.effects)
-    for effect in _likely(lin, curve):
-        found = drawn.by(effect)
-        if found is not None and found[0] < min(LIKE, best.get(effect.name, found)[0] + 1e-12):
-            best[effect.name] = found
+    found = (drawn.by(effect, unit) for effect, unit in _likely(lin, curve))
+    best: dict[str, tuple[float, Effect, Array]] = {}
+    for one in sorted((one for one in found if one is not None and one[0] < LIKE), key=lambda one: one[0]):
+        best.setdefault(one[1].name, one)
     tried = []
-    for share, effect, slopes in sorted(best.values(), key=lambda one: one[0])[:MOST]:
-        unit = units(lin, type(effect), effect.joint)
-        scales = tuple(max(abs(v), 1e-12 * u) for v, u in zip(effect.values, unit, strict=True))
+    for share, effect, slopes in list(best.values())[:MOST]:
+        scales = tuple(max(abs(v), TINY) for v in effect.values)
         vector = _with_slopes(state, less.vector, curve, slopes)
         tried.append(
             (Candidate(effect, (1.0 - share) * lin.chi2, scales), replace(lin, problem=problem, vector=vector))
@@ -50,8 +53,8 @@ def names_alike(state: State) -> tuple[State, list[tuple[Candidate, Linearised]]
     return plain, tried
 
 
-def _likely(lin: Linearised, curve: Effect) -> Iterator[Effect]:
-    """Laws at the port of a curve, of every shape that is plausible there."""
+def _likely(lin: Linearised, curve: Effect) -> Iterator[tuple[Effect, Units]]:
+    """Laws at the port of a curve, of every shape that is plausible there, and the units of their values."""
     for kind in CATALOGUE.values():
         if not (kind.injectable and issubclass(kind, PeriodicLaw) and kind.port == curve.port and not kind.linear):
             continue
@@ -62,7 +65,7 @@ def _likely(lin: Linearised, curve: Effect) -> Iterator[Effect]:
             for p, u in zip(kind.parameters, unit, strict=True)
         ]  # fmt: skip
         for values in product(*shapes):
-            yield kind(curve.joint, tuple(map(float, values)))
+            yield kind(curve.joint, tuple(map(float, values))), unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +73,6 @@ class Drawn:
     """The `force` [k] of a curve in some samples of the `motions` of the records that move its joint, position and rate there
     `straight` [k, 2], each without its mean."""
 
-    lin: Linearised
     motions: tuple[Motion, ...]
     force: Array
     straight: Array
@@ -80,31 +82,35 @@ class Drawn:
         every = zip(lin.problem.data, lin.motions[curve.port], strict=True)
         motions = tuple(motion for one, motion in every if curve.joint in one.scene.arm.live)
         lines = [np.stack(motion.at(curve.port, int(curve.joint or 0))[:2], axis=1) for motion in motions]
-        return Drawn(lin, motions, _forces(motions, curve), np.concatenate([_few(line) for line in lines]))
+        return Drawn(motions, _forces(motions, curve), np.concatenate([_few(line) for line in lines]))
 
-    def by(self, effect: Effect) -> tuple[float, Effect, Array] | None:
+    @cached_property
+    def alone(self) -> float:
+        """The squares that straight lines alone leave of the force."""
+        return _best(self.straight, self.force)[1]
+
+    def by(self, effect: Effect, unit: Units) -> tuple[float, Effect, Array] | None:
         """The law as large as it has the force best, beside straight lines of position and rate; the share that it leaves of what these
         alone leave, and their slopes [2]. None where it can not."""
-        kind, names = type(effect), [p.name for p in effect.parameters]
+        names = [p.name for p in effect.parameters]
         sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None]
         if not all(effect.parameters[k].linear for k in sizes):
             return None
-        ones = [effect.with_values(only_size(kind, effect.values, k, 1.0)) for k in sizes]
+        ones = [effect.with_values(only_size(type(effect), effect.values, k)) for k in sizes]
         if "phase" in names:
             ones.append(ones[0].with_value(names.index("phase"), np.pi / 2))
         X = np.column_stack([*(_forces(self.motions, one) for one in ones), self.straight])
         found, left = _best(X, self.force)
-        _, alone = _best(self.straight, self.force)
         c, values = found[:-2], list(effect.values)
         if "phase" in names:
             values[names.index("phase")] = float(np.arctan2(c[1], c[0]))
             c = np.array([np.hypot(*c)])
         for k, factor in zip(sizes, c, strict=True):
             values[k] = float(factor * values[k])
-        limits = [bounds(p, u) for p, u in zip(kind.parameters, units(self.lin, kind, effect.joint), strict=True)]
+        limits = [bounds(p, u) for p, u in zip(effect.parameters, unit, strict=True)]
         if not all(low <= v <= high for v, (low, high) in zip(values, limits, strict=True)):
             return None
-        return left / max(alone, 1e-300), effect.with_values(values), found[-2:]
+        return left / max(self.alone, 1e-300), effect.with_values(values), found[-2:]
 
 
 def _best(X: Array, force: Array) -> tuple[Array, float]:

@@ -309,7 +309,7 @@ def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequen
         for phase in (0.0, np.pi / 2):
             trial = list(values)
             trial[f] = phase
-            columns.append(added(lin, effect.with_values(only_size(kind, trial, a, 1.0))))
+            columns.append(added(lin, effect.with_values(only_size(kind, trial, a))))
         c, gain = lin.step(columns)
         values[f] = float(np.arctan2(c[1], c[0]))
         values[a] *= float(np.hypot(*c))
@@ -319,7 +319,7 @@ def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequen
             share = 1.0 if p.linear or p.name == "gap" else SMALL
             size = values[k] if values[k] else unit[k] * max(abs(x) for x in p.sizes)
             moved.append(size * share)
-            only = only_size(kind, values, k, 1.0)
+            only = only_size(kind, values, k)
             only[k] = size * share
             columns.append(added(lin, effect.with_values(only)))
         stuck = _stuck(lin, effect) if kind.dry else ()
@@ -372,10 +372,10 @@ def _held(lin: Linearised, effect: Effect, at: int) -> float:
     return share * (2.0 - share) * max(fall, 0.0)
 
 
-def only_size(kind: type[Effect], values: Sequence[float], keep: int, share: float) -> list[float]:
+def only_size(kind: type[Effect], values: Sequence[float], keep: int) -> list[float]:
     """`values` with all sizes but one at zero, shapes kept."""
     return [
-        v * share if k == keep else v if p.zero is None else p.zero
+        v if k == keep or p.zero is None else p.zero
         for k, (v, p) in enumerate(zip(values, kind.parameters, strict=True))
     ]
 
