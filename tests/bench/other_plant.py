@@ -16,7 +16,7 @@ from ident.campaign import Campaign, Record
 from symgen.robot import Robot
 
 #: Steps of the integration in a sample; band [Hz] of the hold, and of the filter of its velocity.
-STEPS, HOLD, FILTER = 4, 5.0, 60.0
+STEPS, HOLD, FILTER = 8, 5.0, 60.0
 #: Largest swing of the excited link [rad], below which frequency lines are weaker [Hz]; torque noise, of the excitation's rms.
 SWING, CORNER, NOISE = 0.01, 3.0, 0.005
 
@@ -44,18 +44,17 @@ class Undeclared:
 
 def simulate(
     robot: Robot, cells: Sequence[tuple[str, np.ndarray]], effect: Undeclared | None, seed: int, *, f0: float = 0.5, periods: int = 5,
-    steps: int = STEPS,
 ) -> Campaign:  # fmt: skip
     """A campaign of `cells` (joint, posture [n]) on the declared arm of a `robot` with an effect that nobody declared.
 
-    So many `steps` a sample; friction that stops a motor of J_m faster than 2.8 to a step (slope / J_m) makes it chatter.
+    Friction that stops a motor of J_m faster than 2.8 to a step (slope / J_m) would make it chatter.
     """
     urdf = robot.urdf.read_text(encoding="utf-8")
     model = pin.buildModelFromXML(urdf)
     model.gravity.linear = np.array(robot.gravity)
     names, fs = tuple(model.names[1:]), robot.experiment.fs
     rng = np.random.default_rng(seed)
-    arm = _Arm(model, robot, effect, fs, steps)
+    arm = _Arm(model, robot, effect, fs)
     records = []
     for k, (joint, q) in enumerate(cells, 1):
         lines = np.arange(1, int(robot.experiment.band[1] / f0) + 1)
@@ -71,12 +70,12 @@ def simulate(
 class _Arm:
     """The arm in motion: x = (theta, q, omega, q's rate) [4 n]."""
 
-    def __init__(self, model: pin.Model, robot: Robot, effect: Undeclared | None, fs: float, steps: int) -> None:
+    def __init__(self, model: pin.Model, robot: Robot, effect: Undeclared | None, fs: float) -> None:
         drives = [robot.drive(name) for name in model.names[1:]]
         self.N, self.J_m, self.K, self.D, self.D_spring, counts = np.array(
             [(d.N, d.J_m, d.K, d.D, d.D_spring, d.encoder_counts) for d in drives], dtype=float
         ).T
-        self.model, self.data, self.effect, self.fs, self.steps = model, model.createData(), effect, fs, steps
+        self.model, self.data, self.effect, self.fs = model, model.createData(), effect, fs
         self.n, self.step = model.nv, 2.0 * np.pi / counts
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
@@ -120,8 +119,8 @@ class _Arm:
 
     def _sampled(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """The state a sample later, the torques held."""
-        h = 1.0 / (self.fs * self.steps)
-        for _ in range(self.steps):
+        h = 1.0 / (self.fs * STEPS)
+        for _ in range(STEPS):
             a = self._rate(x, tau)
             b = self._rate(x + h / 2.0 * a, tau)
             c = self._rate(x + h / 2.0 * b, tau)
