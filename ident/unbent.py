@@ -14,8 +14,9 @@ from ident.parts import united
 from ident.refits import FIRST_LINES, HASTILY, Bench, Refit, State, excess, fitted
 from symgen.forked import forked
 
-#: chi^2 that a number of the arm costs which is off by all of its size: no record may show it without a joint excited.
-FIRM = 1.0
+#: chi^2 that a number of the arm costs which is off by all of its size: no record may show it without a joint excited, and what is
+#: missing at that joint moves the others a little, which such numbers would follow as far as they are let.
+FIRM = 1e4
 #: Share of the excess of all records, and of those without any other joint's, that is left without those of the joint that bends
 #: the arm; fewest records that tell one.
 FAR_LESS, FEWEST = 0.1, 4
