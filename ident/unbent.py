@@ -14,9 +14,10 @@ from ident.parts import united
 from ident.refits import FIRST_LINES, HASTILY, Bench, Refit, State, excess, fitted
 from symgen.forked import forked
 
-#: chi^2 that a number of the arm costs which is off by all of its size: no record may show it without a joint excited, and what is
-#: missing at that joint moves the others a little, which such numbers would follow as far as they are let.
-FIRM = 1e4
+#: chi^2 that a number of the arm costs which is off by all of its size: no record may show it without a joint excited. On the way
+#: little, as declared numbers may be far off; at its end much, as what is missing at that joint moves the others a little, which
+#: numbers that no record shows would follow as far as they are let.
+FIRM, FIRMLY = 1.0, 1e4
 #: Share of the excess of all records, and of those without any other joint's, that is left without those of the joint that bends
 #: the arm; fewest records that tell one.
 FAR_LESS, FEWEST = 0.1, 4
@@ -40,7 +41,7 @@ def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench
     if not left or left[0][0] > FAR_LESS * min([excess(bench, start), *(least for least, _, _ in left[1:])]):
         return bench
     _, vector, joint = left[0]
-    state = fitted(told[joint], Refit(vector, (), (), (), lines=FIRST_LINES))
+    state = fitted(replace(told[joint], firm=FIRMLY), Refit(vector, (), (), (), lines=FIRST_LINES))
     least, vector = excess(told[joint], state), state.minimum.vector
     progress(f"  without records of joint {joint + 1} the arm leaves {least:.3g}: from there")
     n, D = bench.model.chain.n, len(bench.guess.alpha)
