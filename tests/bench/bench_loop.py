@@ -158,6 +158,7 @@ def _worked(job: Job, tell: Callable[[str], None]) -> dict[str, Any]:
     finally:
         if not job.keep:
             file.unlink(missing_ok=True)
+    took = {"seconds": time.perf_counter() - began[0], "cpu": time.process_time() - began[1]}
     scores, off = judged(case, entry["truth"], verdict), bias(case, known.effects, verdict)
     if case.kind == "one":
         clean = _clean_bias(job)
@@ -167,8 +168,7 @@ def _worked(job: Job, tell: Callable[[str], None]) -> dict[str, Any]:
         "status": verdict["status"], "effects": [_short(e) for e in verdict["effects"]], "scores": scores, "bias": off,
         "error": [verdict["error"]["before"]["all"], verdict["error"]["after"]["all"], verdict["error"]["noise_floor"]],
         "unexplained": verdict["unexplained"][:3], "said": lines,
-        "seconds": time.perf_counter() - began[0], "cpu": time.process_time() - began[1],
-    }  # fmt: skip
+    } | took  # fmt: skip
 
 
 def blind(file: Path, progress: Callable[[str], None]) -> dict[str, Any]:
