@@ -22,7 +22,7 @@ SLACK = 1e-9
 WINDING, GENTLE, AHEAD, BEND = 0.1, 0.01, 0.1, 0.75
 #: Fall of chi^2 that a damping alone promises that has become so small that it is not felt, though it is missed.
 MISSED = 10.0
-#: Times its scale that what gives may get softer in a step, where other parameters change by one.
+#: Times its scale, or what it is if that is more, that what gives may get softer in a step, where other parameters change by one.
 SOFTER = 4.0
 #: Progress below this share of chi^2 ends the way to a model that is still doubted.
 ROUGHLY = 0.01
@@ -177,7 +177,7 @@ def _step(problem: Problem, vector: Array, slope: Array, information: Array, dam
     matrix = information[np.ix_(free, free)] / size / size[:, None] + damping * np.eye(len(free))
     down = slope[free] / size
     missed = problem.dampings[free] & (down**2 > MISSED)
-    least = -size * np.where(problem.giving, SOFTER, 1.0)[free]
+    least = -size * np.where(problem.giving, SOFTER * np.maximum(vector / problem.scale, 1.0), 1.0)[free]
     most = np.where(missed, np.maximum(size, 1.0), size)
     y = -np.linalg.solve(matrix, down)
     far = problem.dampings[free] & ((y < least) | (y > most))

@@ -11,7 +11,7 @@ from ident.arm_fit import chi_squared, hold
 from ident.campaign import Array
 from ident.coupled import DOUBTS
 from ident.effects.base import Effect, Law, has_forces, only_impedance
-from ident.effects.carried import FARTHEST, Carrying, carrying, shown
+from ident.effects.carried import FARTHEST, Carrying, carrying, of_declared_links, shown
 from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
 from ident.effects.learned import Learned, bent
 from ident.parts import degrees, united
@@ -48,6 +48,8 @@ SHOWN_AT, MUCH_LESS = 8, 0.5
 BY_CURVE = 3
 #: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
 PATIENT, STILL = 8, 0.9
+#: Times that it is told by how much links are off.
+TOLD_ANEW = 3
 #: Times as stiff, or as fast, from where it is fitted again once links may be off.
 HALF_OR_TWICE = (0.5, 2.0)
 
@@ -105,20 +107,32 @@ def creeping_like(state: State, decades: float) -> Refit:
 
 
 def _carrying(bench: Bench, state: State) -> State:
-    """The model, or one whose last effect carries links that are not the declared ones, if that leaves much less."""
-    last, count = state.effects[-1], len(state.effects[-1].values)
-    if not last.carries or isinstance(last, Carrying):
+    """The model, or one whose last effect carries links that are not the declared ones, if that leaves much less: by how much they
+    are off, told anew while that shows in other ways where the effect is then."""
+    for _ in range(TOLD_ANEW):
+        new = _carrying_as_shown(bench, state)
+        if new is state or bench.late or excess(bench, new) <= NAMED:
+            return new
+        state = new
+    return state
+
+
+def _carrying_as_shown(bench: Bench, state: State) -> State:
+    """As `_carrying`, in the ways that the last effect shows where it is."""
+    last = of_declared_links(state.effects[-1])
+    if not last.carries:
         return state
     p, n = state.problem.parameters(state.minimum.vector), bench.model.chain.n
     scenes = [state.problem.scene(one, state.effects) for one in state.problem.data]
     arms = [known(scene, p) for scene in scenes]
     s = scenes[0].s[np.linspace(0, len(scenes[0].s) - 1, SHOWN_AT).astype(int)]
     effect = carrying(last, shown(last, s, arms, bool(bench.model.factoring.believed)))
-    more = len(effect.values) - count
-    scales, limits = state.scales + (1.0,) * more, state.limits + ((-FARTHEST, FARTHEST),) * more
+    more, kept = len(effect.values) - len(last.values), sum(len(e.values) for e in (*state.effects[:-1], last))
+    scales, limits = state.scales[:kept] + (1.0,) * more, state.limits[:kept] + ((-FARTHEST, FARTHEST),) * more
     refit = Refit(np.zeros(0), (*state.effects[:-1], effect), scales, limits)
     drives = bench.guess.vector()[: 4 * n]
-    vectors = [state.minimum.vector, np.concatenate([drives, state.minimum.vector[4 * n :]])]
+    found = state.minimum.vector[: state.problem.base + kept]
+    vectors = [found, np.concatenate([drives, found[4 * n :]])]
     starts = [replace(refit, vector=np.concatenate([vector, np.zeros(more)])) for vector in vectors]
     new = lowest(bench, starts)
     if excess(bench, new) > NAMED:
@@ -183,8 +197,8 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
             progress(f"  from the declared arm again: {excess(bench, other):.4g}")
             state = other
         if excess(bench, state) <= NAMED or bench.late:
-            break
-    return state
+            return state
+    return _carrying(bench, state) if isinstance(state.effects[-1], Carrying) else state
 
 
 def winds_up(effect: Effect) -> bool:

@@ -18,11 +18,16 @@ TINY = 1e-12
 STIFF = 0.5
 
 
+def has_many(effect: Effect | type[Effect]) -> bool:
+    """Whether all that an effect has are shapes, and many."""
+    return len(effect.parameters) >= MANY and all(p.zero is None for p in effect.parameters)
+
+
 def bending(lin: Linearised, taken: Sequence[Effect]) -> list[Candidate]:
     """The impedances of many shapes at every joint, or of the arm, that are not `taken` yet, each from a few plausible shapes."""
     found = []
     for kind in CATALOGUE.values():
-        if len(kind.parameters) < MANY or any(p.zero is not None for p in kind.parameters):
+        if not has_many(kind):
             continue
         places: list[int | None] = list(range(lin.problem.n)) if "joint" in kind.scope else [None]
         for joint in (place for place in places if all((kind.name, place) != (e.name, e.joint) for e in taken)):

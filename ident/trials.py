@@ -27,9 +27,10 @@ from ident.refits import (
     excess,
     fitted,
     linearised,
+    same,
     standing,
 )
-from ident.shapes import bending
+from ident.shapes import bending, has_many
 from ident.trace import Linearised
 from symgen.forked import forked
 
@@ -193,12 +194,19 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
         likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
         again += [larger(c, LARGER) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
-    return as_it_creeps(bench, refitted(bench, state, [(c, declared) for c in again], progress), CLOSE**2, progress)
+    tried = refitted(bench, state, [(c, declared) for c in again], progress)
+    best = min(tried, key=left_by)
+    if has_many(best[0].effect) and excess(bench, best[1]) > CLOSE**2:
+        tried += _bending(bench, state, declared, progress, best[0].effect)
+    return as_it_creeps(bench, tried, CLOSE**2, progress)
 
 
-def _bending(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
-    """The impedances of many shapes that may have bent the arm, from plausible ones, by few lines; the best refitted as others are."""
-    likely = bending(lin, state.effects)
+def _bending(
+    bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None], alike: Effect | None = None
+) -> list[Tried]:
+    """The impedances of many shapes that may have bent the arm, or one `alike`, from plausible ones, by few lines; the best refitted as
+    others are."""
+    likely = [c for c in bending(lin, state.effects) if alike is None or same(c.effect, alike)]
     refits = [replace(_with(bench, state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
     left = [new.select for new in all_fitted(bench, refits)]
     best = sorted(zip(left, range(len(left)), strict=True))[:CURVES]

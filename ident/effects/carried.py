@@ -20,7 +20,7 @@ HEAVIER, ASIDE, BROADER = 0.2, 0.1, 0.1
 #: Farthest that they are looked for, in these standard deviations.
 FARTHEST = 5.0
 #: A direction in which links may be off is shown by an effect when it changes this share of what the foremost one does.
-SHOWN = 0.001
+SHOWN = 3e-4
 #: Chains that are kept, for a fit that comes back to them.
 RECENT = 100
 
@@ -61,6 +61,14 @@ def carrying(effect: Effect, directions: Array) -> Effect:
         {"parameters": (*kind.parameters, *more), "directions": directions, "recent": {}},
     )
     return cast(Effect, found(effect.joint, (*effect.values, *[0.0] * count)))
+
+
+def of_declared_links(effect: Effect) -> Effect:
+    """The effect, of the declared links."""
+    if not isinstance(effect, Carrying):
+        return effect
+    kind = cast(type[Effect], type(effect).__bases__[1])
+    return kind(effect.joint, effect.values[: len(kind.parameters)])
 
 
 def shown(effect: Effect, s: Complex, arms: Sequence[Known], symmetric: bool) -> Array:

@@ -11,7 +11,7 @@ from diagnosed import ROOT
 from ident.bench import simulate
 from ident.diagnose import begin
 from ident.effects.base import Effect, Known
-from ident.effects.carried import Carrying, carrying, shown
+from ident.effects.carried import Carrying, carrying, of_declared_links, shown
 from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.frf import estimate
 from ident.minima import _carrying
@@ -60,6 +60,13 @@ def test_it_carries_the_links_that_it_says(effect: Effect) -> None:
 
 
 @pytest.mark.parametrize("effect", [BASE, BENT])
+def test_of_declared_links_it_is_itself_again(effect: Effect) -> None:
+    there = carrying(effect, np.ones((30, 3)))
+    back = of_declared_links(there.with_values((*effect.values, 1.0, 2.0, 3.0)))
+    assert type(back) is type(effect) and back.values == effect.values and of_declared_links(back) is back
+
+
+@pytest.mark.parametrize("effect", [BASE, BENT])
 def test_links_may_be_off_in_all_ways_that_it_shows_and_in_no_other(effect: Effect) -> None:
     chain = chain_of_robot(ROBOT)
     arms = [arm(chain, q) for q in ((0.0, 0.4, 0.9), (0.0, -1.1, 2.0), (0.0, 1.5, -0.4))]
@@ -78,7 +85,9 @@ def test_links_may_be_off_in_all_ways_that_it_shows_and_in_no_other(effect: Effe
     assert np.linalg.norm(columns @ best - wanted) < 0.02 * np.linalg.norm(wanted)
 
 
-def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing() -> None:
+#: From its own shapes, and from such as no record shows: a base that hardly weighs, and turns hardly.
+@pytest.mark.parametrize("shapes", [BASE.values, (1.5e5, 4e7, 6e3, 2e-4)])
+def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing(shapes: tuple[float, ...]) -> None:
     chain = chain_of_robot(ROBOT)
     short = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, band=(2.0, 120.0), periods=4))
     true = heavier(chain, (0.05, -0.06, 0.04), (-0.02, 0.03, 0.02))
@@ -87,8 +96,8 @@ def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing()
         campaign, make_model(chain, believe_zeros=True), tuple(estimate(r, campaign) for r in campaign.records)
     )
     bench = begun.bench
-    limits = tuple((0.2 * v, 5.0 * v) for v in BASE.values)
-    vector = np.concatenate([bench.guess.vector(), BASE.values])
+    limits = tuple((0.2 * min(b, v), 5.0 * max(b, v)) for b, v in zip(BASE.values, shapes, strict=True))
+    vector = np.concatenate([bench.guess.vector(), shapes])
     declared = fitted(bench, Refit(vector, (BASE,), BASE.values, limits))
     assert excess(bench, declared) > 3.0
     found = _carrying(bench, declared)

@@ -40,7 +40,9 @@ def test_what_bends_the_arm_at_one_joint_is_left_out_with_its_records(joint: int
     assert excess(bench, start) > 100.0 and f"without records of joint {joint + 1}" in said[0]
     assert np.abs(better.guess.K[others] / bench.guess.K[others] - 1.0).max() < 0.02
     assert abs(np.log(better.guess.K[joint] / off.guess.K[joint])) <= DOUBTED
-    assert np.abs(better.guess.alpha / bench.guess.alpha - 1.0).max() < 0.05  # nor those that no record shows without the joint's
+    assert (
+        np.abs(better.guess.alpha / bench.guess.alpha - 1.0).max() < 0.05
+    )  # nor those that no record shows without the joint's
     assert np.isfinite(better.guess.vector()).all() and better.split is bench.split and better.firm == 0.0
 
 
