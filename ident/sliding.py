@@ -25,6 +25,9 @@ RIDGE = 1e-4
 #: left when they end; what gmres leaves of each, and takes.
 NEARLY, CLOSER, SHARES, CLOSE = 0.1, 4, (1.0, 0.5, 0.25), 1e-4
 LEFT, KRYLOV, RESTARTS = 1e-2, 60, 4
+#: Share of itself by which a turn changes what has settled; share of that change that steps along a tangent are off, which gmres takes
+#: so many steps to find, so many times.
+SETTLED, ALONG, INNER, OUTER = 1e-5, 0.1, 40, 12
 #: Steps to the velocity at which a law has a force, each along a tangent as wide as this share of the velocities.
 TANGENTS, TANGENT = 12, 1e-6
 #: Share of the largest torque to which that force is found; least slope of force and line, as a share of that of the line.
@@ -134,6 +137,34 @@ def closer(
         if norm(left) < CLOSE * norm(v):
             break
     return v, f, slope
+
+
+def settled(turn: Callable[[Array], Array], w: Array, turns: int) -> Array:
+    """The w [W] that a turn changes least, from one near to it: `turn` says by how much. Turns are mixed; where these come near but do
+    not settle, Newton's steps are made, along tangents that are told by turns from aside."""
+    w, left = _mixed(turn, w, turns, SETTLED * float(norm(w)))
+    if turns < TURNS or not SETTLED < left < NEARLY:
+        return w
+    change = turn(w)
+    for _ in range(OUTER):
+        here, now, size = w, change, float(norm(w))
+        aside = min(1e-3, ALONG * float(norm(now)) / size) * size
+
+        def along(u: Array) -> Array:
+            ahead = aside / max(float(norm(u)), 1e-300)
+            return np.asarray((now - turn(here + ahead * u)) / ahead)
+
+        tangent = LinearOperator((len(w), len(w)), matvec=along)
+        step = gmres(tangent, now, rtol=ALONG, restart=INNER, maxiter=1)[0]
+        for share in SHARES:
+            w, change = here + share * step, turn(here + share * step)
+            if norm(change) < (1.0 - 0.5 * share) * norm(now):
+                break
+        else:
+            return here
+        if norm(change) < SETTLED * norm(w):
+            break
+    return w
 
 
 def _along_tangent(yielded: Callable[[Array], Array], slope: Array, left: Array) -> Array:

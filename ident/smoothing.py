@@ -22,7 +22,7 @@ from ident.frf import Complex
 from ident.likely_motion import Force, Forces, Key, LikelyMotion
 from ident.marching import marched
 from ident.scene import Scene
-from ident.sliding import EVERYWHERE, TURNS, Where, balanced, closer, in_turns, told_by
+from ident.sliding import EVERYWHERE, TURNS, Where, balanced, closer, in_turns, settled, told_by
 from ident.whitening import Powers
 
 #: Times all forces are found from the motion under all the others.
@@ -90,7 +90,7 @@ def _smoothed(
                 on = on | {key: on[key].plus(force)}
             elif springs:
                 springy.add(key)
-                on = on | {key: on[key].plus(_yielding(arm, key, springs, motion, on, sweep == 0))}
+                on = on | {key: on[key].plus(_yielding(arm, key, springs, motion, on, turns, sweep == 0))}
         misfit = arm.misfit(on)
         if misfit < least:
             best, least = on, misfit
@@ -165,7 +165,7 @@ def _sliding(
 
 
 def _yielding(
-    arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, march: bool
+    arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, turns: int, march: bool
 ) -> Force:
     """The force of `laws` at a port, of the position that it leaves, under the forces `on` besides.
 
@@ -179,37 +179,52 @@ def _yielding(
     x, v = state.at(port)
     v0, Y = arm.rate(key, on)
     x0, Y = v0 / scene.s, Y / scene.s
-    mean, K = float(np.mean(x)), float(arm.p.K[joint])
+    K = float(arm.p.K[joint])
 
     def force(x: Array, v: Array) -> Array:
         moved = state.moved(port, x, v)
         return np.asarray(N * sum(law.over_period(moved) for law in laws), dtype=float)
 
-    F = force(x, v)
     load = float(scene.N[joint] * scene.means[0, joint]) - on[key].mean
-    best, least, size = F, np.inf, np.std(F)
-    for _ in range(STEPS):
-        stiff = slope(x, F)
-        line = stiff + slope(v, F) * scene.s
-        left = scene.at_lines(F) - line * scene.at_lines(x)
-        lines = (x0 + Y * left) / (1.0 - line * Y)
+
+    def swing(at: Array) -> Array:
+        """Position and velocity [2, S], of amplitudes at the lines and the mean."""
+        lines = at[:-1].view(complex)
+        return scene.in_time(np.stack([lines, scene.s * lines], axis=1)).T + np.array([[at[-1]], [0.0]])
+
+    def left_by(F: Array, at: Array, stiff: float, damping: float) -> Array:
+        """Where a force leaves the port that was there, a line through it solved for."""
+        line = stiff + damping * scene.s
+        lines = (x0 + Y * (scene.at_lines(F) - line * at[:-1].view(complex))) / (1.0 - line * Y)
+        mean = at[-1]
         if port == "spring":  # it carries what its motor does, on the mean
             mean += (load - K * mean - float(F.mean())) / max(K + stiff, 0.1 * K)
-        x, v = scene.in_time(np.stack([lines, scene.s * lines], axis=1)).T + np.array([[mean], [0.0]])
+        return np.append(lines.view(float), mean)
+
+    at, F = np.append(scene.at_lines(x).view(float), float(np.mean(x))), force(x, v)
+    best, there, least, size = F, at, np.inf, np.std(F)
+    for _ in range(STEPS):
+        at = left_by(F, at, slope(x, F), slope(v, F))
+        x, v = swing(at)
         before, F = F, force(x, v)
         change = float(np.std(F - before))
         if change < least:
-            best, least = F, change
+            best, there, least = F, at, change
         if not DIVERGED * least > change > SETTLED * size:
             break
     instant = all(isinstance(law, Law) for law in laws)  # of no memory
     if instant and least > SETTLED * size and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
-        rest, yields = (load / K, 1.0 / K) if port == "spring" else (mean, 0.0)
+        rest, yields = (load / K, 1.0 / K) if port == "spring" else (float(at[-1]), 0.0)
         alone, gives = _by_instants(scene, x0, Y, rest, yields)
         step = scene.samples // len(alone)
         _, against, _ = closer(lambda x: -force(x, 0.0 * x), alone, np.fft.rfft(gives), x[::step])
         periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[::step])
         return _likeliest(arm, key, on, best, chain([-against], islice(periods, PERIODS if march else 0)))
+    if least > SETTLED * size:
+        x, v = swing(there)
+        line = slope(x, best), slope(v, best)
+        met = settled(lambda at: left_by(force(*swing(at)), at, *line) - at, there, turns)
+        return _likeliest(arm, key, on, best, iter([force(*swing(met))]))
     return Force.of(scene, best)
 
 

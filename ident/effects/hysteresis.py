@@ -8,6 +8,7 @@ from math import exp
 from typing import ClassVar, final
 
 import numpy as np
+from scipy.linalg.lapack import dtbtrs
 
 from ident.effects.base import Array, Parameter, PeriodicLaw
 from ident.effects.motion import State
@@ -75,17 +76,7 @@ class LinkHysteresis(Hysteresis):
 
 
 def _recursion(a: Array, b: Array) -> tuple[Array, Array]:
-    """F[k] = a[k] F[k-1] + b[k] from F = 0, and the product of a up to k: both [S]. Blocks of samples go side by side."""
-    S, count = len(a), int(np.ceil(np.sqrt(len(a))))
-    a, b = (np.pad(x, (0, count**2 - S)).reshape(count, count).T for x in (a, b))  # sample in its block, block
-    F, product = np.empty_like(b), np.cumprod(a, axis=0)
-    now = np.zeros(count)
-    for k in range(count):
-        F[k] = now = a[k] * now + b[k]
-    begin = np.ones((2, count))  # F and the product at the end of the block before
-    begin[0, 0] = 0.0
-    for k in range(1, count):
-        begin[:, k] = product[-1, k - 1] * begin[:, k - 1] + (F[-1, k - 1], 0.0)
-    found = np.stack([F, np.zeros_like(F)]) + product * begin[:, None]
-    values, products = found.transpose(0, 2, 1).reshape(2, -1)[:, :S]
-    return values, products
+    """F[k] = a[k] F[k-1] + b[k] from F = 0, and the product of a up to k: both [S]."""
+    bands = np.ones((2, len(a)))
+    bands[1, :-1] = -a[1:]
+    return np.asarray(dtbtrs(bands, b[:, None], uplo="L", diag="U")[0][:, 0]), np.asarray(np.cumprod(a))
