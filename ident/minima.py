@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm_fit import chi_squared, hold
 from ident.campaign import Array
 from ident.coupled import DOUBTS
-from ident.effects.base import Effect, Law, has_forces, only_impedance
+from ident.effects.base import Effect, PeriodicLaw, has_forces, only_impedance
 from ident.effects.carried import FARTHEST, Carrying, carrying, of_declared_links, shown
 from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
 from ident.effects.learned import Learned, bent
@@ -203,7 +203,7 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
 
 def winds_up(effect: Effect) -> bool:
     """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
-    return isinstance(effect, Law) and not effect.linear and not effect.dry
+    return isinstance(effect, PeriodicLaw) and not effect.linear and not effect.dry
 
 
 def wound_up(bench: Bench, state: State, progress: Callable[[str], None]) -> State:

@@ -25,9 +25,9 @@ RIDGE = 1e-4
 #: left when they end; what gmres leaves of each, and takes.
 NEARLY, CLOSER, SHARES, CLOSE = 0.1, 4, (1.0, 0.5, 0.25), 1e-4
 LEFT, KRYLOV, RESTARTS = 1e-2, 60, 4
-#: Share of itself by which a turn changes what has settled; share of that change that steps along a tangent are off, which gmres takes
-#: so many steps to find, so many times.
-SETTLED, ALONG, INNER, OUTER = 1e-5, 0.1, 40, 12
+#: Share of itself by which a turn changes what has settled; how far aside, as a share of it, and of its change, a tangent is told,
+#: and what gmres leaves of that along it; its steps for one of Newton's, and most of these.
+SETTLED, ASIDE, ALONG, INNER, OUTER = 1e-5, 1e-3, 0.1, 40, 12
 #: Steps to the velocity at which a law has a force, each along a tangent as wide as this share of the velocities.
 TANGENTS, TANGENT = 12, 1e-6
 #: Share of the largest torque to which that force is found; least slope of force and line, as a share of that of the line.
@@ -141,30 +141,35 @@ def closer(
 
 def settled(turn: Callable[[Array], Array], w: Array, turns: int) -> Array:
     """The w [W] that a turn changes least, from one near to it: `turn` says by how much. Turns are mixed; where these come near but do
-    not settle, Newton's steps are made, along tangents that are told by turns from aside."""
+    not settle, Newton's steps are made."""
     w, left = _mixed(turn, w, turns, SETTLED * float(norm(w)))
     if turns < TURNS or not SETTLED < left < NEARLY:
         return w
     change = turn(w)
     for _ in range(OUTER):
-        here, now, size = w, change, float(norm(w))
-        aside = min(1e-3, ALONG * float(norm(now)) / size) * size
-
-        def along(u: Array) -> Array:
-            ahead = aside / max(float(norm(u)), 1e-300)
-            return np.asarray((now - turn(here + ahead * u)) / ahead)
-
-        tangent = LinearOperator((len(w), len(w)), matvec=along)
-        step = gmres(tangent, now, rtol=ALONG, restart=INNER, maxiter=1)[0]
+        step = _along_turns(turn, w, change)
         for share in SHARES:
-            w, change = here + share * step, turn(here + share * step)
-            if norm(change) < (1.0 - 0.5 * share) * norm(now):
+            there, left_there = w + share * step, turn(w + share * step)
+            if norm(left_there) < (1.0 - 0.5 * share) * norm(change):
                 break
         else:
-            return here
+            break
+        w, change = there, left_there
         if norm(change) < SETTLED * norm(w):
             break
     return w
+
+
+def _along_turns(turn: Callable[[Array], Array], w: Array, change: Array) -> Array:
+    """The step u [W] from w that takes its `change` away, along a tangent that is told by turns from a little aside."""
+    aside = min(ASIDE * float(norm(w)), ALONG * float(norm(change)))
+
+    def by(u: Array) -> Array:
+        share = aside / max(float(norm(u)), 1e-300)
+        return np.asarray((change - turn(w + share * u)) / share)
+
+    tangent = LinearOperator((len(w), len(w)), matvec=by)
+    return np.asarray(gmres(tangent, change, rtol=ALONG, restart=INNER, maxiter=1)[0])
 
 
 def _along_tangent(yielded: Callable[[Array], Array], slope: Array, left: Array) -> Array:
