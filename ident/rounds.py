@@ -37,6 +37,7 @@ from ident.trials import (
     earned,
     explains,
     hasty,
+    leader_finely,
     of_any_order,
     outshines,
     plainer,
@@ -164,6 +165,7 @@ def _best(
         tried += more
         if bench.late:
             return chosen(bench, tried, state.select), tried
+        tried = leader_finely(bench, tried, progress)
         one = ahead(bench, tried, first)
         if one is None or one is leader:
             continue

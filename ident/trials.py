@@ -45,8 +45,9 @@ HARDLY = 0.125
 SURELY, LIKELY, LARGER = 6, 0.5, 1.4
 #: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm first.
 BENT = 100.0
-#: Share of what any other candidate leaves that one leaves which is far ahead; which is fitted before these are.
-AHEAD, LEADING = 0.03, 0.1
+#: Share of what any other candidate leaves that one leaves which is far ahead; which is fitted before these are; which may be so once
+#: it is.
+AHEAD, LEADING, FORWARD = 0.03, 0.1, 0.5
 #: A force that a curve leaves so far behind is not looked for where it is some other size, nor names that promised much besides.
 UNLIKELY = 0.1
 #: Times what a law leaves that a plainer one leaves in haste that is not it.
@@ -233,6 +234,18 @@ def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> 
         np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect),
         state.scales + candidate.scales, state.limits + limits, 1, HASTILY,
     )  # fmt: skip
+
+
+def leader_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, the best fitted finely if it is a name that leads already: it may be far ahead, and nothing else need be tried."""
+    order = sorted(tried, key=left_by)
+    others = [left_by(one) for one in order if one[0].key != order[0][0].key]
+    if not others or is_curve(order[0]) or not LEADING < left_by(order[0]) / others[0] < FORWARD:
+        return tried
+    if order[0][1].roughly <= FINELY or excess(bench, order[0][1]) <= CLOSE**2:
+        return tried
+    state = _finer(bench, order[0][1], progress)
+    return [(one[0], state) if one is order[0] else one for one in tried]
 
 
 def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
