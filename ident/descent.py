@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ident.arm_fit import Problem, Slides
 from ident.campaign import Array
+from ident.effects.base import has_forces
 from ident.sums import Sums, summed
 
 #: A step of less than this share of a standard deviation ends a fit, of ten times as much the weighting.
@@ -88,17 +89,21 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
     best: Minimum | None = None
     plain: Array | None = None
     shifted = np.zeros(P)
+    dry = any(effect.dry for effect in problem.effects)
+    followed = not dry and any(map(has_forces, problem.effects))
     for left, doubt in zip(range(len(doubts) + outer, 0, -1), (*doubts, *[0.0] * outer), strict=True):
         place.weighed(sums, vector, doubt)
         if plain is not None and place.chi2 > begun:
             place.weighed(sums, plain, doubt)
         if not doubt and (best is None or place.chi2 < best.chi2):
             best = place.at(sums, False)
+        elif followed and not doubt and best is not None:
+            return replace(best, converged=True)  # from here another motion leads away
         begun, begin = place.chi2, place.vector
         settled = _descended(sums, place, max(ROUGHLY if doubt else 0.0, roughly), FEW if roughly else INNER)
         vector, shift = place.vector, (place.vector - begin) / problem.scale
         small = shift @ place.information @ shift < (10.0 * SMALL_STEP) ** 2
-        same = max(roughly, TURNED if sums.slid else 0.0)
+        same = max(roughly, TURNED if dry else 0.0)
         if not doubt and settled and (small or abs(last - place.chi2) < same * place.chi2):
             converged = True
             break

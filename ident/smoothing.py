@@ -90,7 +90,10 @@ def _smoothed(
                 on = on | {key: on[key].plus(force)}
             elif springs:
                 springy.add(key)
-                on = on | {key: on[key].plus(_yielding(arm, key, springs, motion, on, turns, sweep == 0))}
+                force, found = _yielding(arm, key, springs, motion, on, turns, slid.get(key), sweep == 0)
+                on = on | {key: on[key].plus(force)}
+                if found is not None:
+                    slid[key] = found
         misfit = arm.misfit(on)
         if misfit < least:
             best, least = on, misfit
@@ -165,9 +168,10 @@ def _sliding(
 
 
 def _yielding(
-    arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, turns: int, march: bool
-) -> Force:
-    """The force of `laws` at a port, of the position that it leaves, under the forces `on` besides.
+    arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, turns: int, last: Slid | None, march: bool
+) -> tuple[Force, Slid | None]:  # fmt: skip
+    """The force of `laws` at a port, of the position that it leaves, under the forces `on` besides; and both, if turns to it did not
+    settle by themselves: it is looked for from the `last` ones.
 
     The best lines through force and position, force and velocity are solved for exactly, what is left of the law in turns; where
     these do not settle it may be marched.
@@ -201,9 +205,12 @@ def _yielding(
             mean += (load - K * mean - float(F.mean())) / max(K + stiff, 0.1 * K)
         return np.append(lines.view(float), mean)
 
+    if last is not None:
+        x = told_by(last[0], scene.samples).astype(float)
+        v = scene.in_time((scene.s * scene.at_lines(x))[:, None])[:, 0]
     at, F = np.append(scene.at_lines(x).view(float), float(np.mean(x))), force(x, v)
     best, there, least, size = F, at, np.inf, np.std(F)
-    for _ in range(STEPS):
+    for _ in range(STEPS if last is None else 1):
         at = left_by(F, at, slope(x, F), slope(v, F))
         x, v = swing(at)
         before, F = F, force(x, v)
@@ -219,13 +226,15 @@ def _yielding(
         step = scene.samples // len(alone)
         _, against, _ = closer(lambda x: -force(x, 0.0 * x), alone, np.fft.rfft(gives), x[::step])
         periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[::step])
-        return _likeliest(arm, key, on, best, chain([-against], islice(periods, PERIODS if march else 0)))
+        return _likeliest(arm, key, on, best, chain([-against], islice(periods, PERIODS if march else 0))), None
     if least > SETTLED * size:
         x, v = swing(there)
         line = slope(x, best), slope(v, best)
         met = settled(lambda at: left_by(force(*swing(at)), at, *line) - at, there, turns)
-        return _likeliest(arm, key, on, best, iter([force(*swing(met))]))
-    return Force.of(scene, best)
+        x, v = swing(met)
+        F = force(x, v)
+        return _likeliest(arm, key, on, best, iter([F])), (x.astype(np.float32), F.astype(np.float32))
+    return Force.of(scene, best), None
 
 
 def _by_instants(scene: Scene, x0: Complex, Y: Complex, rest: float, yields: float) -> tuple[Array, Array]:
