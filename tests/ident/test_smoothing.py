@@ -85,6 +85,11 @@ def test_a_law_with_a_memory_settles_by_its_best_line() -> None:
     assert smoothed < 1.15 < measured
 
 
+def test_a_law_with_a_memory_is_met_where_turns_do_not_settle() -> None:
+    """As stiff as twice the spring, where it turns often: 655 times the noise is left of this record without Newton's steps."""
+    assert levels(SpringHysteresis(2, (0.13, 1.1e-5)), "joint3", (0.0, -0.32, -0.02))[1] < 1.0
+
+
 def test_play_that_rattles_is_found_by_marching() -> None:
     """Turns around the period do not settle there: 55 times the noise is left of this record without."""
     assert levels(Backlash(0, (1.2e-4,)), "joint1", (0.0, 1.57, 0.0))[1] < 5.0
