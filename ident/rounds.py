@@ -37,7 +37,6 @@ from ident.trials import (
     earned,
     explains,
     hasty,
-    leader_finely,
     of_any_order,
     outshines,
     plainer,
@@ -165,7 +164,6 @@ def _best(
         tried += more
         if bench.late:
             return chosen(bench, tried, state.select), tried
-        tried = leader_finely(bench, tried, progress)
         one = ahead(bench, tried, first)
         if one is None or one is leader:
             continue

@@ -99,7 +99,7 @@ def hasty(
     records.
     """
     if excess(bench, state) > BENT:
-        declared = _from_declared(bench, state, None, progress)
+        declared = _leader_finely(bench, _from_declared(bench, state, None, progress), progress)
         yield declared
         if _explaining(bench, declared, first) is None:
             more = _drawn if not state.effects and _law_leads(declared, first) else _from_fitted
@@ -162,6 +162,22 @@ def _curve_finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str]
     best = min(tried, key=left_by, default=None)
     if best is None or not is_curve(best) or excess(bench, best[1]) <= CLOSE**2:
         return list(tried)
+    return _with_finer(bench, tried, best, progress)
+
+
+def _leader_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, the best fitted finely if it is a name that leads already: it may be far ahead, and nothing else need be tried."""
+    order = sorted(tried, key=left_by)
+    others = [left_by(one) for one in order if one[0].key != order[0][0].key]
+    if not others or is_curve(order[0]) or not LEADING < left_by(order[0]) / others[0] < FORWARD:
+        return tried
+    if order[0][1].roughly <= FINELY or excess(bench, order[0][1]) <= CLOSE**2:
+        return tried
+    return _with_finer(bench, tried, order[0], progress)
+
+
+def _with_finer(bench: Bench, tried: Sequence[Tried], best: Tried, progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, one of them fitted finely."""
     state = _finer(bench, best[1], progress)
     return [(one[0], state) if one is best else one for one in tried]
 
@@ -234,18 +250,6 @@ def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> 
         np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect),
         state.scales + candidate.scales, state.limits + limits, 1, HASTILY,
     )  # fmt: skip
-
-
-def leader_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, the best fitted finely if it is a name that leads already: it may be far ahead, and nothing else need be tried."""
-    order = sorted(tried, key=left_by)
-    others = [left_by(one) for one in order if one[0].key != order[0][0].key]
-    if not others or is_curve(order[0]) or not LEADING < left_by(order[0]) / others[0] < FORWARD:
-        return tried
-    if order[0][1].roughly <= FINELY or excess(bench, order[0][1]) <= CLOSE**2:
-        return tried
-    state = _finer(bench, order[0][1], progress)
-    return [(one[0], state) if one is order[0] else one for one in tried]
 
 
 def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
