@@ -48,6 +48,8 @@ SHOWN_AT, MUCH_LESS = 8, 0.5
 BY_CURVE = 3
 #: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
 PATIENT, STILL = 8, 0.9
+#: Times what it left that a model leaves which came back to where it was, from the declared arm.
+BACK = 1.05
 #: Times that it is told by how much links are off.
 TOLD_ANEW = 3
 #: Times as stiff, or as fast, from where it is fitted again once links may be off.
@@ -193,11 +195,14 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
     declared = replace(Refit.of(state), vector=as_declared(bench, state))
     for doubts in ((), DOUBTS):
         other = _closely(bench, replace(declared, doubts=doubts), excess(bench, state))
+        back = state.select <= other.select < BACK * state.select
         if other.select < state.select:
             progress(f"  from the declared arm again: {excess(bench, other):.4g}")
             state = other
         if excess(bench, state) <= NAMED or bench.late:
             return state
+        if back:
+            break
     return _carrying(bench, state) if isinstance(state.effects[-1], Carrying) else state
 
 
