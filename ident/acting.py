@@ -32,7 +32,7 @@ OF_PRODUCTS = 3
 #: Times the forces are computed from the links that they move.
 PASSES = 2
 
-#: A velocity, and the dry friction against it [S].
+#: What a force is of, and itself [S]: a velocity and the dry friction against it, a position and what a law with a memory has there.
 Slid = tuple[Array, Array]
 
 

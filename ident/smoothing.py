@@ -8,7 +8,7 @@ which changes the motion that it is of, is found with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 import numpy as np
@@ -167,6 +167,36 @@ def _sliding(
     return best, found
 
 
+@dataclass(frozen=True, eq=False)
+class Port:
+    """How a port moves: by itself, `x0` [L] at the lines, and under a force there, `Y` [L]; a spring of stiffness `K` carries a `load` on
+    the mean, without K the mean stays. Where it is: amplitudes at the lines and the mean [2 L + 1]."""
+
+    scene: Scene
+    x0: Complex
+    Y: Complex
+    K: float
+    load: float
+
+    def moves(self, at: Array) -> Array:
+        """Position and velocity [2, S] of where it is."""
+        lines = at[:-1].view(complex)
+        moving = self.scene.in_time(np.stack([lines, self.scene.s * lines], axis=1))
+        return np.asarray(moving.T + np.array([[at[-1]], [0.0]]))
+
+    def place(self, x: Array) -> Array:
+        """Where it is, of its position [S]."""
+        return np.append(self.scene.at_lines(x).view(float), float(np.mean(x)))
+
+    def left_by(self, F: Array, at: Array, stiffness: float, damping: float) -> Array:
+        """Where a force [S] leaves it that was there, a line through the force solved for."""
+        line = stiffness + damping * self.scene.s
+        lines = (self.x0 + self.Y * (self.scene.at_lines(F) - line * at[:-1].view(complex))) / (1.0 - line * self.Y)
+        missing = self.load - self.K * at[-1] - float(F.mean())
+        mean = at[-1] + (missing / max(self.K + stiffness, 0.1 * self.K) if self.K else 0.0)
+        return np.append(lines.view(float), mean)
+
+
 def _yielding(
     arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, turns: int, last: Slid | None, march: bool
 ) -> tuple[Force, Slid | None]:  # fmt: skip
@@ -174,67 +204,51 @@ def _yielding(
     settle by themselves: it is looked for from the `last` ones.
 
     The best lines through force and position, force and velocity are solved for exactly, what is left of the law in turns; where
-    these do not settle it may be marched.
+    these do not settle it may be marched, or is met by Newton's steps.
     """
-    scene, (port, k) = arm.scene, key
+    scene, (name, k) = arm.scene, key
     joint = int(scene.arm.live[k])
-    N = float(scene.arm.N[k]) if port == "motor" else 1.0
+    N = float(scene.arm.N[k]) if name == "motor" else 1.0
     state = motion.state(joint)
-    x, v = state.at(port)
     v0, Y = arm.rate(key, on)
-    x0, Y = v0 / scene.s, Y / scene.s
-    K = float(arm.p.K[joint])
+    load = float(scene.N[joint] * scene.means[0, joint]) - on[key].mean
+    port = Port(scene, v0 / scene.s, Y / scene.s, float(arm.p.K[joint]) if name == "spring" else 0.0, load)
 
     def force(x: Array, v: Array) -> Array:
-        moved = state.moved(port, x, v)
+        moved = state.moved(name, x, v)
         return np.asarray(N * sum(law.over_period(moved) for law in laws), dtype=float)
 
-    load = float(scene.N[joint] * scene.means[0, joint]) - on[key].mean
-
-    def swing(at: Array) -> Array:
-        """Position and velocity [2, S], of amplitudes at the lines and the mean."""
-        lines = at[:-1].view(complex)
-        return scene.in_time(np.stack([lines, scene.s * lines], axis=1)).T + np.array([[at[-1]], [0.0]])
-
-    def left_by(F: Array, at: Array, stiff: float, damping: float) -> Array:
-        """Where a force leaves the port that was there, a line through it solved for."""
-        line = stiff + damping * scene.s
-        lines = (x0 + Y * (scene.at_lines(F) - line * at[:-1].view(complex))) / (1.0 - line * Y)
-        mean = at[-1]
-        if port == "spring":  # it carries what its motor does, on the mean
-            mean += (load - K * mean - float(F.mean())) / max(K + stiff, 0.1 * K)
-        return np.append(lines.view(float), mean)
-
+    x, v = state.at(name)
+    at = port.place(x)
     if last is not None:
-        x = told_by(last[0], scene.samples).astype(float)
-        v = scene.in_time((scene.s * scene.at_lines(x))[:, None])[:, 0]
-    at, F = np.append(scene.at_lines(x).view(float), float(np.mean(x))), force(x, v)
+        at = port.place(told_by(last[0], scene.samples).astype(float))
+        x, v = port.moves(at)
+    F = force(x, v)
     best, there, least, size = F, at, np.inf, np.std(F)
     for _ in range(STEPS if last is None else 1):
-        at = left_by(F, at, slope(x, F), slope(v, F))
-        x, v = swing(at)
+        at = port.left_by(F, at, slope(x, F), slope(v, F))
+        x, v = port.moves(at)
         before, F = F, force(x, v)
         change = float(np.std(F - before))
         if change < least:
             best, there, least = F, at, change
         if not DIVERGED * least > change > SETTLED * size:
             break
+    if not least > SETTLED * size:
+        return Force.of(scene, best), None
     instant = all(isinstance(law, Law) for law in laws)  # of no memory
-    if instant and least > SETTLED * size and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
-        rest, yields = (load / K, 1.0 / K) if port == "spring" else (float(at[-1]), 0.0)
-        alone, gives = _by_instants(scene, x0, Y, rest, yields)
+    if instant and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
+        rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
+        alone, gives = _by_instants(scene, port.x0, port.Y, rest, yields)
         step = scene.samples // len(alone)
         _, against, _ = closer(lambda x: -force(x, 0.0 * x), alone, np.fft.rfft(gives), x[::step])
         periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[::step])
         return _likeliest(arm, key, on, best, chain([-against], islice(periods, PERIODS if march else 0))), None
-    if least > SETTLED * size:
-        x, v = swing(there)
-        line = slope(x, best), slope(v, best)
-        met = settled(lambda at: left_by(force(*swing(at)), at, *line) - at, there, turns)
-        x, v = swing(met)
-        F = force(x, v)
-        return _likeliest(arm, key, on, best, iter([F])), (x.astype(np.float32), F.astype(np.float32))
-    return Force.of(scene, best), None
+    x, v = port.moves(there)
+    line = slope(x, best), slope(v, best)
+    x, v = port.moves(settled(lambda at: port.left_by(force(*port.moves(at)), at, *line) - at, there, turns))
+    F = force(x, v)
+    return _likeliest(arm, key, on, best, iter([F])), (x.astype(np.float32), F.astype(np.float32))
 
 
 def _by_instants(scene: Scene, x0: Complex, Y: Complex, rest: float, yields: float) -> tuple[Array, Array]:

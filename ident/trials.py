@@ -166,14 +166,12 @@ def _curve_finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str]
 
 
 def _leader_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, the best fitted finely if it is a name that leads already: it may be far ahead, and nothing else need be tried."""
-    order = sorted(tried, key=left_by)
-    others = [left_by(one) for one in order if one[0].key != order[0][0].key]
-    if not others or is_curve(order[0]) or not LEADING < left_by(order[0]) / others[0] < FORWARD:
+    """The candidates, the best fitted finely if it leads already: it may be far ahead, and nothing else need be tried."""
+    best = min(tried, key=left_by, default=None)
+    others = [left_by(one) for one in tried if best is not None and one[0].key != best[0].key]
+    if best is None or not others or not LEADING < left_by(best) / min(others) < FORWARD:
         return tried
-    if order[0][1].roughly <= FINELY or excess(bench, order[0][1]) <= CLOSE**2:
-        return tried
-    return _with_finer(bench, tried, order[0], progress)
+    return tried if excess(bench, best[1]) <= CLOSE**2 else _with_finer(bench, tried, best, progress)
 
 
 def _with_finer(bench: Bench, tried: Sequence[Tried], best: Tried, progress: Callable[[str], None]) -> list[Tried]:
@@ -212,8 +210,8 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
         again += [larger(c, LARGER) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
     tried = refitted(bench, state, [(c, declared) for c in again], progress)
-    best = min(tried, key=left_by)
-    if has_many(best[0].effect) and excess(bench, best[1]) > CLOSE**2:
+    best = min(tried, key=left_by, default=None)
+    if best is not None and has_many(best[0].effect) and excess(bench, best[1]) > CLOSE**2:
         tried += _bending(bench, state, declared, progress, best[0].effect)
     return as_it_creeps(bench, tried, CLOSE**2, progress)
 
