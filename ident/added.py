@@ -12,8 +12,8 @@ from ident.effects.base import Effect, Law
 from ident.effects.learned import learned
 from ident.minima import LEAST_GAIN, fully, told
 from ident.parts import degrees
-from ident.refits import NAMED, Bench, State, all_fitted, excess, instead, linearised, same, without
-from ident.trials import CLOSE, CURVES, polished, promising, refitted
+from ident.refits import CLOSE, NAMED, Bench, State, all_fitted, excess, instead, linearised, same, without
+from ident.trials import CURVES, polished, promising, refitted
 
 #: Curves at the port of a name that together do more than this share of what it did, or leave it less than this share of its
 #: size, make it superfluous, if they can.

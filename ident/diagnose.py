@@ -27,9 +27,9 @@ from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.minima import afresh, elsewhere, settled, winds_up
 from ident.parts import Split, degrees, few_lines, sampled, split, split_lines
-from ident.refits import FEW_SAMPLES, NAMED, Bench, State, all_fitted, excess, first, linearised, same, some
+from ident.refits import CLOSE, FEW_SAMPLES, NAMED, Bench, State, all_fitted, excess, first, linearised, same, some
 from ident.rounds import another
-from ident.trials import BENT, CLOSE, ENOUGH, explains
+from ident.trials import BENT, ENOUGH, explains
 from ident.unbent import unbent
 from symgen.plan import Model
 

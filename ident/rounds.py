@@ -17,6 +17,7 @@ from ident.minima import fully, since, told
 from ident.parts import degrees, sampled
 from ident.refits import (
     BY_ALL,
+    CLOSE,
     FEW_SAMPLES,
     FEW_TURNS,
     FINELY,
@@ -31,7 +32,6 @@ from ident.refits import (
 from ident.trace import Linearised, port_shares
 from ident.trials import (
     AHEAD,
-    CLOSE,
     ahead,
     at_minimum,
     earned,

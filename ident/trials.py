@@ -12,10 +12,11 @@ from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plai
 from ident.contact import as_it_creeps
 from ident.curves import curves, responses, wave
 from ident.effects.base import Effect, has_forces, only_forces, only_impedance
-from ident.minima import FALLING, LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
+from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
+from ident.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
 from ident.parts import degrees
 from ident.refits import (
-    FINELY,
+    CLOSE,
     FIRST_LINES,
     HASTILY,
     NAMED,
@@ -45,17 +46,14 @@ HARDLY = 0.125
 SURELY, LIKELY, LARGER = 6, 0.5, 1.4
 #: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm first.
 BENT = 100.0
-#: Share of what any other candidate leaves that one leaves which is far ahead; which is fitted before these are; which may be so once
-#: it is.
-AHEAD, LEADING, FORWARD = 0.03, 0.1, 0.5
+#: Share of what any other candidate leaves that one leaves which is far ahead.
+AHEAD = 0.03
 #: A force that a curve leaves so far behind is not looked for where it is some other size, nor names that promised much besides.
 UNLIKELY = 0.1
 #: Times what a law leaves that a plainer one leaves in haste that is not it.
 HOPELESS = 10.0
-#: Candidates fitted finely before one is chosen; while none is near, those whose chi^2 is `FALLING` go on so many times.
-FINALISTS, PATIENCE = 3, 4
-#: How many times the noise the error of a model is that is near.
-CLOSE = 3.0
+#: Candidates fitted finely before one is chosen.
+FINALISTS = 3
 #: Share of what was in excess without effects below which nothing more is looked for once little is left; where much is, an
 #: effect that does less has to leave less than this share of it.
 ENOUGH, REST = 3e-3, 0.2
@@ -99,7 +97,7 @@ def hasty(
     records.
     """
     if excess(bench, state) > BENT:
-        declared = _leader_finely(bench, _from_declared(bench, state, None, progress), progress)
+        declared = leader_finely(bench, _from_declared(bench, state, None, progress), progress)
         yield declared
         if _explaining(bench, declared, first) is None:
             more = _drawn if not state.effects and _law_leads(declared, first) else _from_fitted
@@ -153,38 +151,8 @@ def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], 
     best = min(tried, key=left_by, default=None)
     if best is None or not NAMED < excess(bench, best[1]) <= CLOSE**2:
         return tried
-    state = _otherwise(bench, _finer(bench, best[1], progress), progress)
+    state = _otherwise(bench, finer(bench, best[1], progress), progress)
     return [(one[0], state) if one is best else one for one in tried]
-
-
-def _curve_finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, a curve that leaves least of all fitted finely: it may be so far ahead that few names need be."""
-    best = min(tried, key=left_by, default=None)
-    if best is None or not is_curve(best) or excess(bench, best[1]) <= CLOSE**2:
-        return list(tried)
-    return _with_finer(bench, tried, best, progress)
-
-
-def _leader_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, the best fitted finely if it leads already: it may be far ahead, and nothing else need be tried."""
-    best = min(tried, key=left_by, default=None)
-    others = [left_by(one) for one in tried if best is not None and one[0].key != best[0].key]
-    if best is None or not others or not LEADING < left_by(best) / min(others) < FORWARD:
-        return tried
-    return tried if excess(bench, best[1]) <= CLOSE**2 else _with_finer(bench, tried, best, progress)
-
-
-def _with_finer(bench: Bench, tried: Sequence[Tried], best: Tried, progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, one of them fitted finely."""
-    state = _finer(bench, best[1], progress)
-    return [(one[0], state) if one is best else one for one in tried]
-
-
-def _finer(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
-    """The same model, fitted finely."""
-    state = fitted(bench, Refit.of(state))
-    progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
-    return state
 
 
 def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
@@ -279,11 +247,11 @@ def at_minimum(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tri
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
     """The candidates, those that may be chosen fitted finely, and the best name from other places where it leaves something; `first`
     as in `explains`."""
-    tried = _curve_finely(bench, tried, progress)
+    tried = curve_finely(bench, tried, progress)
     finalists = _finalists(bench, tried, first)
     if not finalists:
         return list(tried)
-    found = _finely(bench, finalists, progress) + [one for one in tried if all(one is not other for other in finalists)]
+    found = finely(bench, finalists, progress) + [one for one in tried if all(one is not other for other in finalists)]
     named = best_names(found)
     if not named:
         return found
@@ -319,31 +287,6 @@ def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried
     if left_by(named[0]) > near and not by_curve:
         finalists += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
     return finalists
-
-
-def _finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """Candidates fitted finely that are not yet; while no name is near the noise, those whose chi^2 falls much again and again."""
-    near = CLOSE**2 * degrees(bench.split.select)
-    settled = [one for one in tried if one[1].roughly <= FINELY]
-    falling = [one for one in tried if one[1].roughly > FINELY]
-    for _ in range(1 + PATIENCE):
-        before = list(map(left_by, falling))
-        new = all_fitted(bench, [Refit.of(state) for _, state in falling])
-        finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]
-        for _, state in finer:
-            progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
-        best = min(settled + finer, key=left_by)
-        falling = []
-        for one, was in zip(finer, before, strict=True):
-            fell = left_by(one) / was
-            if left_by(best) <= near:  # only a name that is on its way to where a curve is: it may be what that plays
-                goes_on = is_curve(best) and not is_curve(one) and fell * left_by(one) < left_by(best)
-            else:
-                goes_on = fell < FALLING
-            (falling if goes_on else settled).append(one)
-        if not falling or bench.late:
-            break
-    return settled + falling
 
 
 def _law_leads(tried: Sequence[Tried], first: float) -> bool:

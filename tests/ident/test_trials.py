@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 import ident.choice
+import ident.finer
 import ident.minima
 import ident.trials
 from ident.choice import vanished
@@ -15,8 +16,9 @@ from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.learned import learned
 from ident.effects.spring import SpringHardening, TransmissionError
+from ident.finer import finely, leader_finely
 from ident.refits import FINELY, HASTILY
-from ident.trials import _finely, _law_leads, ahead, of_any_order, plainer, polished
+from ident.trials import _law_leads, ahead, of_any_order, plainer, polished
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -28,8 +30,9 @@ WAVE = TransmissionError(1, (1e-4, 2.0, 0.0))
 @pytest.fixture(autouse=True)
 def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
     BENCH.split = SimpleNamespace(select=())
-    monkeypatch.setattr(ident.trials, "degrees", lambda data: DOF)
-    for module in (ident.trials, ident.minima):
+    for module in (ident.finer, ident.trials):
+        monkeypatch.setattr(module, "degrees", lambda data: DOF)
+    for module in (ident.finer, ident.trials, ident.minima):
         monkeypatch.setattr(module, "excess", lambda bench, state: state.select / DOF)
 
 
@@ -63,9 +66,9 @@ def test_a_name_that_falls_to_where_a_curve_is_goes_on(
         rounds.append([e.name for e in refits])
         return [one(e, next(levels[e.name]))[1] for e in refits]
 
-    monkeypatch.setattr(ident.trials, "all_fitted", fitted)
-    monkeypatch.setattr(ident.trials, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
-    found = _finely(BENCH, [one(HARD, begin), one(CURVE, 77.0)], lambda line: None)
+    monkeypatch.setattr(ident.finer, "all_fitted", fitted)
+    monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    found = finely(BENCH, [one(HARD, begin), one(CURVE, 77.0)], lambda line: None)
     assert len(rounds) == times and len(found) == 2
     assert rounds[1:] == [[HARD.name]] * (times - 1)
 
@@ -77,11 +80,22 @@ def test_what_is_fitted_finely_is_not_again(monkeypatch: pytest.MonkeyPatch) -> 
         again.extend(refits)
         return [one(effect, 1.7)[1] for effect in refits]
 
-    monkeypatch.setattr(ident.trials, "all_fitted", fitted)
-    monkeypatch.setattr(ident.trials, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
-    finely = one(HARD, 1.5, FINELY)
-    found = _finely(BENCH, [finely, one(CURVE, 77.0)], lambda line: None)
-    assert again == [CURVE] and found[0] is finely and len(found) == 2
+    monkeypatch.setattr(ident.finer, "all_fitted", fitted)
+    monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    already = one(HARD, 1.5, FINELY)
+    found = finely(BENCH, [already, one(CURVE, 77.0)], lambda line: None)
+    assert again == [CURVE] and found[0] is already and len(found) == 2
+
+
+@pytest.mark.parametrize(("leads", "finer"), [(9.0, 9.0), (30.0, 1.2), (80.0, 80.0)])
+def test_a_name_that_leads_but_not_far_ahead_is_fitted_finely(
+    leads: float, finer: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It leaves so much where another leaves 100: one far ahead is fitted further anyway, one that hardly leads may be another."""
+    monkeypatch.setattr(ident.finer, "fitted", lambda bench, effect: one(effect, 1.2)[1])
+    monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    found = leader_finely(BENCH, [one(DRY, 100.0), one(HARD, leads)], lambda line: None)
+    assert [state.select for _, state in found] == [100.0 * DOF, finer * DOF]
 
 
 @pytest.mark.parametrize(("promised", "best"), [(1100.0, TransmissionError), (100.0, LinkCoulomb)])
@@ -93,7 +107,8 @@ def test_what_promised_most_is_fitted_with_another_whole_number(
     tried = [one(DRY, 1.03, FINELY), one(second, 1.11, FINELY)]
     for (candidate, _), gain in zip(tried, (450.0, promised), strict=True):
         candidate.gain = gain
-    monkeypatch.setattr(ident.trials, "all_fitted", lambda bench, refits: [])
+    for module in (ident.finer, ident.trials):
+        monkeypatch.setattr(module, "all_fitted", lambda bench, refits: [])
     monkeypatch.setattr(ident.trials, "_other_whole", lambda bench, state, progress: one(first, 0.94)[1])
     found = polished(BENCH, tried, 1.34 * DOF, lambda line: None)
     assert type(min(found, key=lambda pair: pair[1].select)[1].effects[-1]) is best

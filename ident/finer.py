@@ -1,0 +1,71 @@
+"""Candidates that were hastily refitted, fitted finely."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from ident.choice import Tried, is_curve, left_by
+from ident.minima import FALLING, told
+from ident.parts import degrees
+from ident.refits import CLOSE, FINELY, Bench, Refit, State, all_fitted, excess, fitted
+
+#: Share of what any other candidate leaves that one leaves which may be far ahead once it is fitted finely: nothing else is tried then.
+#: Below the first one it is far ahead already.
+LEADING, FORWARD = 0.1, 0.5
+#: While none of the candidates is near, those whose chi^2 is `FALLING` go on so many times.
+PATIENCE = 4
+
+
+def curve_finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, a curve that leaves least of all fitted finely: it may be so far ahead that few names need be."""
+    best = min(tried, key=left_by, default=None)
+    if best is None or not is_curve(best) or excess(bench, best[1]) <= CLOSE**2:
+        return list(tried)
+    return with_finer(bench, tried, best, progress)
+
+
+def leader_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, the best fitted finely if it leads already: it may be far ahead, and nothing else need be tried."""
+    best = min(tried, key=left_by, default=None)
+    others = [left_by(one) for one in tried if best is not None and one[0].key != best[0].key]
+    if best is None or not others or not LEADING < left_by(best) / min(others) < FORWARD:
+        return tried
+    return tried if excess(bench, best[1]) <= CLOSE**2 else with_finer(bench, tried, best, progress)
+
+
+def with_finer(bench: Bench, tried: Sequence[Tried], best: Tried, progress: Callable[[str], None]) -> list[Tried]:
+    """The candidates, one of them fitted finely."""
+    state = finer(bench, best[1], progress)
+    return [(one[0], state) if one is best else one for one in tried]
+
+
+def finer(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+    """The same model, fitted finely."""
+    state = fitted(bench, Refit.of(state))
+    progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+    return state
+
+
+def finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
+    """Candidates fitted finely that are not yet; while no name is near the noise, those whose chi^2 falls much again and again."""
+    near = CLOSE**2 * degrees(bench.split.select)
+    settled = [one for one in tried if one[1].roughly <= FINELY]
+    falling = [one for one in tried if one[1].roughly > FINELY]
+    for _ in range(1 + PATIENCE):
+        before = list(map(left_by, falling))
+        new = all_fitted(bench, [Refit.of(state) for _, state in falling])
+        finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]
+        for _, state in finer:
+            progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+        best = min(settled + finer, key=left_by)
+        falling = []
+        for one, was in zip(finer, before, strict=True):
+            fell = left_by(one) / was
+            if left_by(best) <= near:  # only a name that is on its way to where a curve is: it may be what that plays
+                goes_on = is_curve(best) and not is_curve(one) and fell * left_by(one) < left_by(best)
+            else:
+                goes_on = fell < FALLING
+            (falling if goes_on else settled).append(one)
+        if not falling or bench.late:
+            break
+    return settled + falling
