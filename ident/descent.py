@@ -34,6 +34,8 @@ STRAIGHT, SLOWLY = 0.9, (0.2, 0.9)
 #: Share of the chi^2 with which the last descent began that one before it had, which then is better: another motion was found
 #: since, and the way from there leads elsewhere.
 LOST = 0.8
+#: Motions found anew, one after another, under forces that follow from them, which leave more than an earlier one did: they lead away.
+ASTRAY = 2
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
     place, converged = _Place(vector, np.inf, np.zeros(P), np.zeros((P, P))), False
     best: Minimum | None = None
     plain: Array | None = None
-    shifted = np.zeros(P)
+    shifted, worse = np.zeros(P), 0
     dry = any(effect.dry for effect in problem.effects)
     followed = not dry and any(map(has_forces, problem.effects))
     for left, doubt in zip(range(len(doubts) + outer, 0, -1), (*doubts, *[0.0] * outer), strict=True):
@@ -96,9 +98,11 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
         if plain is not None and place.chi2 > begun:
             place.weighed(sums, plain, doubt)
         if not doubt and (best is None or place.chi2 < best.chi2):
-            best = place.at(sums, False)
+            best, worse = place.at(sums, False), 0
         elif followed and not doubt and best is not None:
-            return replace(best, converged=True)  # from here another motion leads away
+            worse += 1
+            if worse == ASTRAY:
+                return replace(best, converged=True)
         begun, begin = place.chi2, place.vector
         settled = _descended(sums, place, max(ROUGHLY if doubt else 0.0, roughly), FEW if roughly else INNER)
         vector, shift = place.vector, (place.vector - begin) / problem.scale
