@@ -18,6 +18,7 @@ from ident.coupled import Start, declared_start, problem_of
 from ident.descent import _further, _step, _taken, minimise
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.motion import Motion
 from ident.effects.sensor import JointZeroOffset
 from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.evidence import Evidence, evidence, gravity_basis
@@ -210,6 +211,43 @@ def test_a_fit_that_another_motion_leads_astray_ends_where_it_was_best(monkeypat
     problem = along_a_line(monkeypatch, Valleys)
     found = minimise(problem, np.zeros(1), (), len(valleys))
     assert np.allclose(found.vector, 1.0, atol=1e-3) and found.chi2 < 200.0 and not found.converged
+
+
+class Pushed(Effect):
+    """A force of no numbers that follows from the motion."""
+
+    name, parameters = "pushed", ()
+
+    def force(self, motion: Motion) -> Array:
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize(
+    ("levels", "least", "motions"),
+    [
+        ([50.0, 10.0, 20.0, 30.0, 5.0], 10.0, 4),  # two motions in a row that leave more lead away
+        ([50.0, 10.0, 20.0, 4.0, 3.0], 3.0, 5),  # one is on the way
+    ],
+)
+def test_a_fit_whose_motions_lead_away_ends_at_its_best(
+    levels: list[float], least: float, motions: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = iter(enumerate(levels))
+    found = 0
+
+    class Valleys(Valley):
+        steep = 100.0
+
+        def hold(self, vector: Array, doubt: float = 0.0) -> None:
+            nonlocal found
+            found, self.left = next(held)
+            self.bottom = vector + 1.0
+            self.left -= self.steep  # of where it begins
+
+    problem = replace(along_a_line(monkeypatch, Valleys), effects=(Pushed(0, ()),))
+    end = minimise(problem, np.zeros(1), (), len(levels))
+    assert found == motions - 1
+    assert end.chi2 == pytest.approx(least if motions < len(levels) else least - 100.0)
 
 
 @pytest.mark.parametrize(("answers", "holds"), [(-0.65, 5), (0.65, 5)])
