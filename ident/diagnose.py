@@ -20,7 +20,7 @@ from ident.candidates import surest
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, departures, errors, groups
-from ident.effects.base import Effect
+from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
@@ -229,7 +229,8 @@ def _little(bench: Bench, start: State, state: State) -> bool:
     """Whether so little is left of what was in excess that only what promises most of it is tried: of a force that may have moved
     the arm in more than one way, more than of others."""
     left = _left(bench, start, state)
-    return (left < ENOUGH and excess(bench, state) <= CLOSE) or (left < LEFT and any(map(winds_up, state.effects)))
+    many_ways = any(isinstance(effect, Law) and winds_up(effect) for effect in state.effects)
+    return (left < ENOUGH and excess(bench, state) <= CLOSE) or (left < LEFT and many_ways)
 
 
 def _left_over(bench: Bench, start: State, state: State, added: Sequence[Added]) -> tuple[Departure, ...]:

@@ -87,7 +87,7 @@ def _two(
     bench: Bench, state: State, tried: Sequence[Tried], lin: Linearised, first: float, progress: Callable[[str], None]
 ) -> tuple[State, list[Added]] | None:
     """The model with two effects more, the first one of those that, of all that were tried, explain most of the records that fit:
-    what is missing besides may bend the others."""
+    what is missing besides may bend the others. With the second alone if that does without the first, which led to it."""
     for _, lead in best_names(tried, by=lambda one: one[1].minimum.chi2)[:LEADERS]:
         if lead.minimum.chi2 > LEADS * state.minimum.chi2:
             break
@@ -102,6 +102,8 @@ def _two(
         if earned(bench, alone, new, first):
             gain, found = alone.select - new.select, new.effects[-2]
             return new, [_entry(bench, state, lead, gain, tried, lin, found), entry]
+        if earned(bench, state, alone, first):
+            return alone, [_entry(bench, state, alone, state.select - alone.select, more, there, alone.effects[-1])]
     return None
 
 
