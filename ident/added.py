@@ -134,7 +134,7 @@ def renamed(
     bench: Bench, state: State, curve: Effect, added: list[Added], first: float, progress: Callable[[str], None]
 ) -> tuple[State, list[Added]]:
     """The model with a name in a learned curve's place, if one does as well now that more is known, or leaves nothing;
-    `first` as in `_round`."""
+    `first` as in `rounds.another`."""
     less = without(bench, state, curve)
     lin = linearised(less.problem, less.minimum.vector)
     names = catalogue(lin, less.effects, bench.workers, at=(curve.port, curve.joint))

@@ -194,9 +194,8 @@ def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[
         departs = _departs(bench, state) or (not added and _suspect(bench, state))
         if not departs or (little and excess(bench, state) <= NAMED) or bench.late:
             break
-        # a model that may bend is tried by lines next: pairs are looked for there
-        pairs = bool(bench.split.note) or not _may_bend(bench, start, state)
-        step = another(bench, state, start.select, progress, little, pairs)
+        bends = not bench.split.note and _may_bend(bench, start, state)  # then it is tried by lines next
+        step = another(bench, state, start.select, progress, little, bends)
         if step is None:
             break
         state, more = step

@@ -18,6 +18,7 @@ from ident.parts import degrees, united
 from ident.refits import (
     BY_ALL,
     FAINTLY,
+    FINELY,
     FULLY,
     HASTILY,
     NAMED,
@@ -192,10 +193,15 @@ def _until_nothing(bench: Bench, refits: Sequence[Refit]) -> list[State]:
 
 def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
     """The model, or a better one fitted from the declared arm, at once or by a detour: what was missing has led this one far astray."""
+    here = (
+        state if state.roughly >= FINELY else fitted(bench, Refit.of(state))
+    )  # what is told by fewer samples may leave more
     declared = replace(Refit.of(state), vector=as_declared(bench, state))
     for doubts in ((), DOUBTS):
-        other = _closely(bench, replace(declared, doubts=doubts), excess(bench, state))
-        back = state.select <= other.select < BACK * state.select
+        other = fitted(bench, replace(declared, doubts=doubts))
+        back = here.select / BACK < other.select < BACK * here.select
+        if not back:
+            other = _closely(bench, Refit.of(other), min(excess(bench, other), excess(bench, state)))
         if other.select < state.select:
             progress(f"  from the declared arm again: {excess(bench, other):.4g}")
             state = other

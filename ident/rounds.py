@@ -9,11 +9,11 @@ import numpy as np
 
 from ident.added import Added
 from ident.alike import names_alike
-from ident.choice import ALIKE, TIE, Tried, best_names, chosen, is_curve, plainest, rivals, vanished
+from ident.choice import ALIKE, TIE, Tried, best_names, chosen, is_curve, left_by, plainest, rivals, vanished
 from ident.departures import errors
 from ident.effects.base import Effect, has_forces
 from ident.gains import named_gains
-from ident.minima import fully, since, told
+from ident.minima import LEAST_GAIN, fully, since, told
 from ident.parts import degrees, sampled
 from ident.refits import (
     BY_ALL,
@@ -58,12 +58,13 @@ CURVE_SHARE = 0.05
 
 
 def another(
-    bench: Bench, state: State, first: float, progress: Callable[[str], None], little: bool, pairs: bool = True
+    bench: Bench, state: State, first: float, progress: Callable[[str], None], little: bool, bends: bool = False
 ) -> tuple[State, list[Added]] | None:
-    """The model with one effect more, if any earns it, or with `pairs` two that do together; `first` is chi^2 on the choosing records
-    before any was added. Where `little` is left, only of those that promise most of it."""
+    """The model with one effect more, if any earns it, or two that do together; `first` is chi^2 on the choosing records before any was
+    added. Where `little` is left, only of those that promise most of it. Where the records that fit may let the model bend, `bends`,
+    no two, and none if all leave more at first than there was."""
     lin = linearised(state.problem, state.minimum.vector)
-    best, tried = _best(bench, state, lin, first, progress, little)
+    best, tried = _best(bench, state, lin, first, progress, little, bends)
     one = _entered(bench, state, best, tried, lin, first)
     names = None if best is None else named_gains(bench, best[1], progress)
     if names is not None and earned(bench, state, names, first):
@@ -75,7 +76,7 @@ def another(
         return one[0], [one[1]]
     two = (
         None
-        if little or not pairs or bench.late or excess(bench, state) < BY_ALL
+        if little or bends or bench.late or excess(bench, state) < BY_ALL
         else _two(bench, state, tried, lin, first, progress)
     )
     if one is not None and (two is None or one[0].select <= two[0].select):
@@ -157,7 +158,13 @@ def _entry(
 
 
 def _best(
-    bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None], little: bool
+    bench: Bench,
+    state: State,
+    lin: Linearised,
+    first: float,
+    progress: Callable[[str], None],
+    little: bool,
+    bends: bool = False,
 ) -> tuple[Tried | None, list[Tried]]:
     """The candidate to be chosen beyond `state`, at its minimum, and all that were tried; as in `another`."""
     tried: list[Tried] = []
@@ -171,8 +178,10 @@ def _best(
             continue
         leader = at_minimum(bench, one, progress)
         tried = [leader if other is one else other for other in tried]
-        if explains(bench, leader[1], first) or outshines(bench, leader, first):
+        if explains(bench, leader[1], first) or outshines(bench, leader, tried, first):
             return of_any_order(bench, plainer(bench, leader, progress), progress), tried
+    if (little and not _gaining(bench, tried)) or (bends and all(left_by(one) > state.select for one in tried)):
+        return None, tried
     tried = [one for one in polished(bench, tried, first, progress) if not vanished(one[1].effects[-1])]
     best = chosen(bench, tried, state.select)
     if bench.late:
@@ -195,6 +204,14 @@ def _best(
         best = plainer(bench, best, progress)  # what that leaves depends on how it creeps
     best = of_any_order(bench, best, progress)
     return best, [one for one in tried if all(one is not other for other in alike)] + closely
+
+
+def _gaining(bench: Bench, tried: Sequence[Tried]) -> bool:
+    """Whether the best of some candidates leaves less than the model without it, fitted as roughly."""
+    best = min((state for _, state in tried), key=lambda state: state.select, default=None)
+    if best is None:
+        return False
+    return best.select < without(bench, best, best.effects[-1], best.roughly).select - LEAST_GAIN
 
 
 def _error(bench: Bench, state: State) -> float:

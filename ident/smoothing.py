@@ -37,8 +37,8 @@ STOPS = 2
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
 #: chi^2 per degree of freedom below which no other force is looked for; nor, of one that rattles, another period, and these at most,
-#: told by so many times fewer samples.
-EXPLAINED, FITS, PERIODS, COARSER = 2.0, 1.1, 10, 4
+#: told by so many times fewer samples; none after so many in a row that leave more than this share of what is left already.
+EXPLAINED, FITS, PERIODS, COARSER, VAIN, HARDLY = 2.0, 1.1, 10, 4, 3, 0.9
 
 
 def smoothed(
@@ -264,13 +264,15 @@ def _by_instants(scene: Scene, x0: Complex, Y: Complex, rest: float, yields: flo
 
 
 def _likeliest(arm: LikelyMotion, key: Key, on: Forces, found: Array, more: Iterator[Array]) -> Force:
-    """That of the forces [S] at a port which explains the record best: `found`, or one of `more` until one is enough."""
-    best, least = Force.of(arm.scene, found), np.inf
+    """That of the forces [S] at a port which explains the record best: `found`, or one of `more` until one is enough, or several in a
+    row explain hardly more."""
+    best, least, vain = Force.of(arm.scene, found), np.inf, 0
     for force in chain([found], more):
         tried = Force.of(arm.scene, force)
         misfit = arm.misfit(on | {key: tried})
+        vain = 0 if misfit < HARDLY * least else vain + 1
         if misfit < least:
             best, least = tried, misfit
-        if least < FITS * arm.degrees:
+        if least < FITS * arm.degrees or vain == VAIN:
             break
     return best

@@ -100,12 +100,14 @@ def hasty(
         declared = leader_finely(bench, _from_declared(bench, state, None, progress), progress)
         yield declared
         if _explaining(bench, declared, first) is None:
-            more = _drawn if not state.effects and _law_leads(declared, first) else _from_fitted
-            yield more(bench, state, lin, progress)
+            if not state.effects and _law_leads(declared, first):
+                yield _drawn(bench, state, lin, progress)
+            else:
+                yield _from_fitted(bench, state, lin, first, progress)
     elif state.effects:
-        yield _from_fitted(bench, state, lin, progress)
+        yield _from_fitted(bench, state, lin, first, progress)
     else:
-        tried = _from_fitted(bench, state, lin, progress)
+        tried = _from_fitted(bench, state, lin, first, progress)
         if _explaining(bench, tried, first) is None:
             tried += _bending(bench, state, lin, progress)
         found = _explaining(bench, tried, first)
@@ -131,8 +133,11 @@ def _explaining(bench: Bench, tried: Sequence[Tried], first: float) -> Effect | 
     return None if name is None or not explains(bench, name[1], first, CLOSE**2) else name[0].effect
 
 
-def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
-    """The likeliest names beyond a model, and the likeliest curves where no name explains the records."""
+def _from_fitted(
+    bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None]
+) -> list[Tried]:
+    """The likeliest names beyond a model, and the likeliest curves where no name explains the records: beside dry friction, which leaves
+    a little until a model is chosen, as `explains` has it."""
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
     likely = catalogue(lin, state.effects, bench.workers)[:most]
     if excess(bench, state) <= CLOSE:
@@ -141,7 +146,8 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable
         likely = [c for k, c in enumerate(likely) if c.gain > LEAST_SHARE * _left(state, lin) or k < most // 2]
     tried = _nearest_finely(bench, refitted(bench, state, [(c, lin) for c in likely], progress), progress)
     tried = as_it_creeps(bench, tried, CLOSE**2, progress)
-    if all(excess(bench, new) > NAMED for _, new in tried):
+    rubs = any(effect.dry for effect in state.effects)
+    if not any(explains(bench, new, first) if rubs else excess(bench, new) <= NAMED for _, new in tried):
         tried += _drawn(bench, state, lin, progress)
     return tried
 
@@ -228,11 +234,13 @@ def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
     return None if explains(bench, order[0][1], first, CLOSE**2) else order[0]
 
 
-def outshines(bench: Bench, one: Tried, first: float) -> bool:
-    """Whether an impedance that is far ahead leaves so little of `first`, as in `explains`, that what is left is another effect's:
-    no curve does what it does."""
+def outshines(bench: Bench, one: Tried, tried: Sequence[Tried], first: float) -> bool:
+    """Whether a name that is far ahead of all that were `tried` leaves so little of `first`, as in `explains`, that what is left is
+    another effect's: of an impedance, as no curve does what it does, more than of a law that leads."""
     dof = degrees(bench.split.select)
-    return only_impedance(one[0].effect) and one[1].select - dof < ENOUGH * (first - dof)
+    if only_impedance(one[0].effect):
+        return one[1].select - dof < ENOUGH * (first - dof)
+    return _law_leads(tried, first) and excess(bench, one[1]) <= CLOSE**2
 
 
 def at_minimum(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:

@@ -11,8 +11,8 @@ import pytest
 import ident.minima
 import ident.refits
 from ident.descent import Minimum
-from ident.minima import _closely
-from ident.refits import Refit, fitted
+from ident.minima import _closely, afresh
+from ident.refits import FAINTLY, FINELY, Refit, fitted
 
 BENCH: Any = SimpleNamespace(late=False)
 
@@ -59,3 +59,34 @@ def test_a_last_descent_whose_motions_no_longer_hold_is_taken_back(
     BENCH.split, BENCH.problem = SimpleNamespace(fit=(), select=()), lambda *of: problem
     state = fitted(BENCH, Refit(np.zeros(1), (), (), ()))
     assert (state.minimum.vector, state.select) == (ends, left[ends])
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "fits", "ends"),
+    [
+        (2.0, [2.02], 2, 1.5),  # comes back to where it was, told as coarsely: no detour, nothing more closely
+        (2.0, [9.0, 0.9], 5, 0.8),  # a detour leads elsewhere
+    ],
+)
+def test_an_arm_fitted_afresh_that_comes_back_is_not_fitted_closely(
+    here: float, there: list[float], fits: int, ends: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what is left: 1.5 of a model that was fitted closely, `here` told as coarsely as what is fitted afresh."""
+    levels, made = iter([here, *there]), []
+
+    def fit(bench: Any, refit: Any) -> Any:
+        made.append(refit)
+        return SimpleNamespace(select=next(levels), roughly=FINELY, effects=())
+
+    def closely(bench: Any, refit: Any, left: float) -> Any:
+        made.append(refit)
+        return SimpleNamespace(select=min(left, 9.0) - 0.1, roughly=FAINTLY, effects=(None,))
+
+    monkeypatch.setattr(ident.minima, "fitted", fit)
+    monkeypatch.setattr(ident.minima, "_closely", closely)
+    monkeypatch.setattr(ident.minima, "excess", lambda bench, state: state.select)
+    monkeypatch.setattr(ident.minima, "as_declared", lambda bench, state: np.zeros(1))
+    monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
+    state: Any = SimpleNamespace(select=1.5, roughly=FAINTLY, effects=(None,))
+    found = afresh(BENCH, state, lambda line: None)
+    assert found.select == pytest.approx(ends) and len(made) == fits

@@ -14,12 +14,14 @@ from ident.campaign_model import model_of_campaign
 from ident.candidates import Candidate, best_of
 from ident.choice import Tried
 from ident.diagnose import Begun, begin
+from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.learned import learned
 from ident.frf import estimate
+from ident.minima import LEAST_GAIN
 from ident.parts import degrees
-from ident.refits import excess, linearised
-from ident.rounds import _best, _two
+from ident.refits import Bench, State, excess, linearised
+from ident.rounds import _best, _gaining, _two
 from ident.trials import refitted
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
@@ -66,6 +68,46 @@ def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:
     assert excess(bench, state) < 1.1
     assert state.effects[0]["inertia"] == pytest.approx(7e-4, rel=0.02)
     assert state.effects[1]["error"] == pytest.approx(-0.046, rel=0.02)
+
+
+def test_an_effect_to_which_another_only_led_is_added_alone(begun: Begun) -> None:
+    bench = begun.bench
+    state = alone(begun, RINGS)[1]
+    lin = linearised(state.problem, state.minimum.vector)
+    candidate = best_of(lin, CATALOGUE["time-offset"], 1)
+    assert candidate is not None
+    ((_, lead),) = refitted(bench, state, [(candidate, lin)], lambda line: None)
+    lead = replace(lead, minimum=replace(lead.minimum, chi2=0.5 * state.minimum.chi2))
+    found = _two(bench, state, [(candidate, lead)], lin, begun.start.select, lambda line: None)
+    assert found is not None
+    assert [e.name for e in found[0].effects] == [RINGS, SCALE] and [a.effect.name for a in found[1]] == [SCALE]
+
+
+def test_nothing_is_pursued_that_leaves_more_where_records_that_fit_let_the_arm_bend(
+    begun: Begun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    candidate, state = alone(begun, RINGS)
+    tried = [(candidate, replace(state, select=2.0 * begun.start.select))]
+    monkeypatch.setattr(ident.rounds, "hasty", lambda *of: iter([tried]))
+    monkeypatch.setattr(ident.rounds, "polished", lambda *of: pytest.fail("pursued"))
+    lin = linearised(begun.start.problem, begun.start.minimum.vector)
+    assert _best(begun.bench, begun.start, lin, begun.start.select, lambda line: None, False, True) == (None, tried)
+
+
+@pytest.mark.parametrize(("gain", "pursued"), [(2.0 * LEAST_GAIN, True), (0.5 * LEAST_GAIN, False)])
+def test_a_little_is_pursued_by_what_leaves_less_as_roughly_fitted(
+    gain: float, pursued: bool, begun: Begun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    candidate, state = alone(begun, RINGS)
+    roughly = []
+
+    def without(bench: Bench, state: State, effect: Effect, how: float) -> State:
+        roughly.append(how)
+        return replace(state, select=state.select + gain)
+
+    monkeypatch.setattr(ident.rounds, "without", without)
+    assert _gaining(begun.bench, [(candidate, state)]) == pursued and roughly == [state.roughly]
+    assert not _gaining(begun.bench, [])
 
 
 def test_none_leads_that_hardly_explains_the_records_that_fit(begun: Begun) -> None:

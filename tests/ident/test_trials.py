@@ -16,9 +16,10 @@ from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.learned import learned
 from ident.effects.spring import SpringHardening, TransmissionError
+from ident.effects.structure import AttachedResonator
 from ident.finer import finely, leader_finely
 from ident.refits import FINELY, HASTILY
-from ident.trials import _law_leads, ahead, of_any_order, plainer, polished
+from ident.trials import _law_leads, ahead, of_any_order, outshines, plainer, polished
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -173,3 +174,13 @@ def test_a_law_is_ahead_of_others_whatever_else_it_was_tried_with() -> None:
     assert ahead(BENCH, tried, 1000.0 * DOF) is tried[0]
     assert ahead(BENCH, [*tried, one(WAVE, 280.0)], 1000.0 * DOF) is None
     assert ahead(BENCH, tried[:2], 1000.0 * DOF) is None, "nothing else was tried"
+
+
+@pytest.mark.parametrize(("left", "shines"), [(5.0, True), (20.0, False)])
+def test_a_law_far_ahead_that_leaves_little_is_not_measured_by_curves(left: float, shines: bool) -> None:
+    first = 300.0 * DOF
+    leader = one(DRY, left)
+    assert outshines(BENCH, leader, [leader, one(HARD, 800.0)], first) == shines
+    assert not outshines(BENCH, leader, [leader, one(HARD, 30.0)], first), "not far ahead"
+    impedance = one(AttachedResonator(1, (1e-3, 20.0, 1e-4)), left)
+    assert not outshines(BENCH, impedance, [impedance, one(HARD, 800.0)], first), "more is known of what no curve does"
