@@ -1,15 +1,20 @@
-"""Candidates of dry friction, told as their contact creeps before it slides: until then the true law may leave much."""
+"""Candidates of dry friction, told as their contact creeps before it slides: until then the true law may leave much; and of what is
+balanced by friction that is known."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ident.candidates import Candidate, best_of
 from ident.choice import Tried, is_curve, left_by
+from ident.effects.base import Effect
+from ident.effects.motor import TorqueScale
 from ident.minima import creeping_like, crept, told
-from ident.refits import Bench, Refit, State, all_fitted, excess
+from ident.refits import Bench, Refit, State, all_fitted, excess, same
+from ident.trace import Linearised
 
 
 def as_it_creeps(bench: Bench, tried: list[Tried], near: float, progress: Callable[[str], None]) -> list[Tried]:
@@ -30,6 +35,18 @@ def as_it_creeps(bench: Bench, tried: list[Tried], near: float, progress: Callab
         progress(f"  likewise, {told(likewise.effects[-1])}: {excess(bench, likewise):.4g}")
         found[id(one)] = likewise
     return [(one[0], found.get(id(one), one[1])) for one in tried]
+
+
+def balanced(lin: Linearised, effects: Sequence[Effect]) -> list[Candidate]:
+    """Motor torques at the joints of dry friction that are off by as much as is plausible, either way: friction of another level balances
+    most of that, so that as long as its motion is held none is missed."""
+    here = [best_of(lin, TorqueScale, e.joint) for e in effects if e.dry]
+    return [
+        replace(one, effect=one.effect.with_values([size]))
+        for one in here
+        if one is not None and all(not same(one.effect, e) for e in effects)
+        for size in TorqueScale.parameters[0].sizes
+    ]
 
 
 def _likewise(one: State, other: State) -> list[Refit]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.candidates import Candidate, best_of, bounds, catalogue, larger, nearer, otherwise, units
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
-from ident.contact import as_it_creeps
+from ident.contact import as_it_creeps, balanced
 from ident.curves import curves, responses, wave
 from ident.effects.base import Effect, has_forces, only_forces, only_impedance
 from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
@@ -144,6 +144,7 @@ def _from_fitted(
         likely = promising(bench, likely, LEAST_SHARE * max(state.select - degrees(bench.split.select), 1.0))
     else:
         likely = [c for k, c in enumerate(likely) if c.gain > LEAST_SHARE * _left(state, lin) or k < most // 2]
+        likely += balanced(lin, state.effects)
     tried = _nearest_finely(bench, refitted(bench, state, [(c, lin) for c in likely], progress), progress)
     tried = as_it_creeps(bench, tried, CLOSE**2, progress)
     rubs = any(effect.dry for effect in state.effects)

@@ -13,10 +13,13 @@ from ident.bench import simulate
 from ident.campaign_model import model_of_campaign
 from ident.candidates import Candidate, best_of
 from ident.choice import Tried
+from ident.contact import balanced
 from ident.diagnose import Begun, begin
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
+from ident.effects.friction import MotorCoulomb
 from ident.effects.learned import learned
+from ident.effects.motor import TorqueScale
 from ident.frf import estimate
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
@@ -108,6 +111,16 @@ def test_a_little_is_pursued_by_what_leaves_less_as_roughly_fitted(
     monkeypatch.setattr(ident.rounds, "without", without)
     assert _gaining(begun.bench, [(candidate, state)]) == pursued and roughly == [state.roughly]
     assert not _gaining(begun.bench, [])
+
+
+def test_a_torque_that_friction_balances_is_tried_as_large_as_is_plausible(begun: Begun) -> None:
+    lin = linearised(begun.start.problem, begun.start.minimum.vector)
+    rubs, scale = MotorCoulomb(1, (0.1,)), TorqueScale(1, (0.02,))
+    assert [(c.effect.name, c.effect.joint, c.effect.values) for c in balanced(lin, [rubs])] == [
+        (SCALE, 1, (0.05,)),
+        (SCALE, 1, (-0.05,)),
+    ]
+    assert balanced(lin, [rubs, scale]) == balanced(lin, [scale]) == []
 
 
 def test_none_leads_that_hardly_explains_the_records_that_fit(begun: Begun) -> None:
