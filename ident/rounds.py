@@ -36,6 +36,7 @@ from ident.trials import (
     at_minimum,
     earned,
     explains,
+    giving,
     hasty,
     of_any_order,
     outshines,
@@ -195,6 +196,9 @@ def _best(
         best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best[1].select):
         return None, tried
+    if more := giving(bench, state, lin, best, tried, progress):
+        tried += more
+        best = chosen(bench, tried, state.select) or best
     alike = [best, *rivals(bench, tried, best)]
     closely = [(one[0], fully(bench, one[1])) for one in alike]
     for one in closely[1:]:

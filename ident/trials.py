@@ -11,7 +11,8 @@ from ident.candidates import Candidate, best_of, bounds, catalogue, larger, near
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
 from ident.contact import as_it_creeps, balanced
 from ident.curves import curves, responses, wave
-from ident.effects.base import Effect, has_forces, only_forces, only_impedance
+from ident.effects.base import Effect, has_forces, only_forces, only_impedance, overrides
+from ident.effects.catalogue import CATALOGUE
 from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
 from ident.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
 from ident.parts import degrees
@@ -251,6 +252,23 @@ def at_minimum(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tri
         state = afresh(bench, state, progress)
     progress(f"  far ahead, {told(state.effects[-1])}: {excess(bench, state):.4g}")
     return one[0], state
+
+
+def giving(
+    bench: Bench, state: State, lin: Linearised, one: Tried, tried: Sequence[Tried], progress: Callable[[str], None]
+) -> list[Tried]:
+    """Beside what gives, a spring or a mode of its own, all else that gives at its joint and was not `tried` beyond `state`: as shapes move
+    far, what these promise to first order says little."""
+    effect = one[1].effects[-1]
+    if not only_impedance(effect) or effect.joint is None or effect.numbers < 2:
+        return []
+    known = {other.key for other, _ in tried} | {(e.name, e.joint, e.port) for e in state.effects}
+    kinds = [
+        k for k in CATALOGUE.values() if "joint" in k.scope and overrides(k, "impedance") and len(k.parameters) > 1
+    ]
+    names = [c for c in (best_of(lin, kind, effect.joint) for kind in kinds) if c is not None]
+    likely = [c for c in names if only_impedance(c.effect) and c.key not in known]
+    return refitted(bench, state, [(c, lin) for c in likely], progress)
 
 
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
