@@ -25,7 +25,7 @@ from ident.minima import LEAST_GAIN
 from ident.parts import degrees
 from ident.refits import Bench, State, excess, linearised
 from ident.rounds import _best, _gaining, _two
-from ident.trials import refitted
+from ident.trials import giving, refitted
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
 
@@ -121,6 +121,21 @@ def test_a_torque_that_friction_balances_is_tried_as_large_as_is_plausible(begun
         (SCALE, 1, (-0.05,)),
     ]
     assert balanced(lin, [rubs, scale]) == balanced(lin, [scale]) == []
+
+
+def test_what_gives_is_tried_beside_all_else_that_gives_there(begun: Begun) -> None:
+    lin = linearised(begun.start.problem, begun.start.minimum.vector)
+    rings = alone(begun, RINGS)
+
+    def others(one: Tried, tried: list[Tried]) -> list[Tried]:
+        return giving(begun.bench, begun.start, lin, one, tried, lambda line: None)
+
+    found = others(rings, [rings])
+    names = {candidate.effect.name for candidate, _ in found}
+    assert {"link-flexibility", "spring-relaxation"} <= names and RINGS not in names
+    assert {candidate.effect.joint for candidate, _ in found} == {2}
+    assert others(rings, [rings, *found]) == []
+    assert others(alone(begun, SCALE), []) == [], "no impedance"
 
 
 def test_none_leads_that_hardly_explains_the_records_that_fit(begun: Begun) -> None:
