@@ -193,9 +193,8 @@ def _until_nothing(bench: Bench, refits: Sequence[Refit]) -> list[State]:
 
 def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
     """The model, or a better one fitted from the declared arm, at once or by a detour: what was missing has led this one far astray."""
-    here = (
-        state if state.roughly >= FINELY else fitted(bench, Refit.of(state))
-    )  # what is told by fewer samples may leave more
+    # what is told by fewer samples may leave more
+    here = state if state.roughly >= FINELY else fitted(bench, Refit.of(state))
     declared = replace(Refit.of(state), vector=as_declared(bench, state))
     for doubts in ((), DOUBTS):
         other = fitted(bench, replace(declared, doubts=doubts))

@@ -18,9 +18,12 @@ from ident.campaign import Array, Campaign
 from ident.candidates import catalogue, nearer, otherwise
 from ident.coupled import declared_start
 from ident.departures import groups
-from ident.diagnose import Begun, Diagnosis, _bent, _loop, begin, diagnose
+from ident.diagnose import Begun, Diagnosis, _bent, _little, _loop, begin, diagnose
+from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
+from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.learned import learned
+from ident.effects.spring import Backlash
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.parts import split, split_lines, united
@@ -240,3 +243,14 @@ def test_a_base_so_soft_that_it_moves_every_mode_promises_most(model: Model) -> 
     lin = linearise(problem, guess.vector(), hold(problem, guess.vector()))
     best = max((nearer(lin, one) for one in catalogue(lin, ())[:12]), key=lambda one: one.gain)
     assert best.effect.name == "base-compliance" and best.gain > 0.5 * lin.chi2
+
+
+@pytest.mark.parametrize(("effect", "little"), [(Backlash(0, (1e-4,)), True), (MotorHysteresis(0, (1e-3, 0.2)), False)])
+def test_more_is_left_of_a_motion_that_may_not_be_found(
+    effect: Effect, little: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six noise powers of 201: of play that may be its own motion, of a hysteresis, whose motion is found, it is another effect's."""
+    monkeypatch.setattr("ident.diagnose.excess", lambda bench, state: state.select)
+    monkeypatch.setattr("ident.diagnose._left", lambda bench, start, state: (state.select - 1.0) / (start.select - 1.0))
+    start, state = (SimpleNamespace(select=left, effects=(effect,)) for left in (201.0, 6.0))
+    assert _little(SimpleNamespace(), start, state) == little
