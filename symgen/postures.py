@@ -24,6 +24,7 @@ from symgen.cells import Cells, Rows, every_joint, ranked, spread
 from symgen.chain import Array, readonly
 from symgen.forked import WORKERS, beside, standing
 from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, Holding, Mask, box, home
+from symgen.kicks import ENOUGH, POWER, enough
 from symgen.optimal import d_efficiency, further, optima
 from symgen.saturated import CANDIDATES, Merit, candidates
 from symgen.search import Better, Search, bettering, saturated
@@ -160,6 +161,10 @@ def plan(
     else:
         with _shared(alone, min(WORKERS, work.search.finalists)) as better:
             cells = found(better)
+        if d_efficiency(rows.of_cells(cells), best.log_det_bound) < ENOUGH:
+            merit = Merit(rows, POWER)
+            with _shared(bettering(rows, merit, holding), min(WORKERS, work.search.finalists)) as better:
+                cells = enough(rows, merit, cells, best, better)
     _, needed = holding.placed(cells)
     pool = best.cells + every_joint(spread(holding.allowed, CANDIDATES, 0.5))
     more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare, holding)

@@ -110,9 +110,10 @@ def _first_largest(values: Array) -> int:
 
 
 class Merit:
-    """How good d cells are: log of det(F' F)^(6/d) / worst amplification, the worst joint as a smooth maximum."""
+    """How good d cells are: log of det(F' F)^(power/d) / worst amplification, the worst joint as a smooth maximum."""
 
-    def __init__(self, rows: Rows):
+    def __init__(self, rows: Rows, power: float = _DET_POWER):
+        self._power = power
         limits = rows.factoring.chain.limits
         some = rows(spread(limits, _WORKSPACE, 0.123))
         self.moments = np.einsum("mid,mie->ide", some, some, optimize=True) / _WORKSPACE
@@ -137,8 +138,8 @@ class Merit:
         share = (power / power.max()) ** _SHARPNESS
         worst = power.max() * share.sum() ** (1 / _SHARPNESS)
         M = np.einsum("i,ide->de", share / power / share.sum(), self.moments)
-        value = 2 * _DET_POWER / d * float(np.linalg.slogdet(F)[1]) - np.log(worst) / 2
-        return value, 2 * _DET_POWER / d * G.T + G.T @ M @ G @ G.T
+        value = 2 * self._power / d * float(np.linalg.slogdet(F)[1]) - np.log(worst) / 2
+        return value, 2 * self._power / d * G.T + G.T @ M @ G @ G.T
 
     def exchanged(self, F: Array, chosen: NDArray[np.int64]) -> NDArray[np.int64]:
         """Returns d of the rows F [N, d]: `chosen` after the exchanges that raise the merit most, until none does."""
@@ -154,7 +155,7 @@ class Merit:
             power = others + own * ((B**2).sum(axis=1, keepdims=True) - B**2 + 1) / factor**2
             gain = np.full(B.shape, -np.inf)
             open_ = np.isfinite(factor)
-            gain[open_] = 2 * _DET_POWER / d * np.log(np.abs(B[open_])) - np.log(power.max(axis=0)[open_]) / 2
+            gain[open_] = 2 * self._power / d * np.log(np.abs(B[open_])) - np.log(power.max(axis=0)[open_]) / 2
             gain += np.log(own.sum(axis=2).max()) / 2
             row, column = divmod(_first_largest(gain), d)
             if gain[row, column] < np.log(_EXCHANGE_GAIN):

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from symgen.cells import Cells, Rows
 from symgen.holding import Holding, Mask, box
-from symgen.optimal import Optimum, further, optima
+from symgen.kicks import POWER, enough
+from symgen.optimal import Optimum, d_efficiency, further, optima
 from symgen.saturated import Merit, candidates, refined
 from symgen.search import Search, bettering, saturated, swept
 
@@ -68,3 +69,25 @@ def test_sweeps_better_what_refinement_no_longer_does(mask: Mask | None, gain: f
     low, high = ur5.holding.allowed.T
     assert (found.q >= low).all() and (found.q <= high).all()
     assert swept(ur5.rows, ur5.merit, cells, ur5.holding, 0) is cells
+
+
+@pytest.mark.parametrize("mask", [None, beside_a_wall])
+def test_kicks_better_what_sweeps_no_longer_do(mask: Mask | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until that is enough; all cells stay feasible, and the same are found again."""
+    ur5 = Arm(mask)
+    plan = swept(ur5.rows, ur5.merit, ur5.planned(Search(6, 1, 30, 1, 0)), ur5.holding, 8)
+
+    def efficiency(cells: Cells) -> float:
+        return d_efficiency(ur5.rows.of_cells(cells), ur5.best.log_det_bound)
+
+    def kicked(least: float) -> Cells:
+        monkeypatch.setattr("symgen.kicks.ENOUGH", least)
+        merit = Merit(ur5.rows, POWER)
+        return enough(ur5.rows, merit, plan, ur5.best, bettering(ur5.rows, merit, ur5.holding))
+
+    before = efficiency(plan)
+    assert kicked(before - 0.001) is plan
+    found = kicked(before + 0.001)
+    assert efficiency(found) >= before + 0.001
+    assert len(found) == len(plan) and ur5.holding.keeps(found).all()
+    assert np.array_equal(found.q, kicked(before + 0.001).q)
