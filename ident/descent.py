@@ -25,6 +25,8 @@ WINDING, GENTLE, AHEAD, BEND = 0.1, 0.01, 0.1, 0.75
 MISSED = 10.0
 #: Times its scale, or what it is if that is more, that what gives may get softer in a step, where other parameters change by one.
 SOFTER = 4.0
+#: What goes beyond its limit by more than this share of what goes farthest is held first; what is no farther than rounding is within.
+FARTHEST, ROUNDING = 0.3, 1e-9
 #: Progress below this share of chi^2 ends the way to a model that is still doubted.
 ROUGHLY = 0.01
 #: Share of chi^2 to which it comes back when motions with dry friction, found in turns, are found again.
@@ -176,8 +178,9 @@ def _bend(sums: Sums, vector: Array, step: Array, information: Array, damping: f
 def _step(problem: Problem, vector: Array, slope: Array, information: Array, damping: float) -> Array:
     """Returns the damped step of the free parameters, no component beyond 1, or `SOFTER`; what would leave its bounds stays there.
 
-    Logarithms of dampings that vanish would go far for nothing: the others step as they do when these go no farther than they
-    may. One that has become so small that it is not felt, but is missed, may grow until it is felt.
+    What goes as far as it may is held there, and the others step as they do then: a direction that nothing shows would
+    otherwise go far, and turn the step of all when it is cut. A logarithm of a damping that has become so small that it is not felt,
+    but is missed, may grow until it is felt.
     """
     pressed = ((vector <= problem.low) & (slope > 0.0)) | ((vector >= problem.high) & (slope < 0.0))
     free = np.flatnonzero(problem.free & ~pressed)
@@ -188,13 +191,18 @@ def _step(problem: Problem, vector: Array, slope: Array, information: Array, dam
     missed = problem.dampings[free] & (down**2 > MISSED)
     least = -size * np.where(problem.giving, SOFTER * np.maximum(vector / problem.scale, 1.0), 1.0)[free]
     most = np.where(missed, np.maximum(size, 1.0), size)
-    y = -np.linalg.solve(matrix, down)
-    far = problem.dampings[free] & ((y < least) | (y > most))
-    if far.any() and not far.all():
-        y = np.clip(y, least, most)
-        y[~far] = -np.linalg.solve(matrix[np.ix_(~far, ~far)], down[~far] + matrix[np.ix_(~far, far)] @ y[far])
+    y, held = np.zeros(len(free)), np.zeros(len(free), dtype=bool)
+    while not held.all():
+        pushed = down[~held] + matrix[np.ix_(~held, held)] @ y[held]
+        y[~held] = -np.linalg.solve(matrix[np.ix_(~held, ~held)], pushed)
+        beyond = np.maximum(y / most, y / least)
+        if not beyond.max() > 1.0 + ROUNDING:
+            break
+        far = beyond > max(1.0 + ROUNDING, FARTHEST * beyond.max())
+        y[far] = np.clip(y[far], least[far], most[far])
+        held |= far
     step = np.zeros(len(slope))
-    step[free] = np.clip(y, least, most) / size
+    step[free] = y / size
     return step
 
 

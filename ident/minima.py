@@ -55,6 +55,8 @@ BACK = 1.05
 TOLD_ANEW = 3
 #: Times as stiff, or as fast, from where it is fitted again once links may be off.
 HALF_OR_TWICE = (0.5, 2.0)
+#: Times the least of its stiffnesses that the others are tried at, and of a usual frequency that its own is.
+STIFFER_THAN, OF_USUAL = (1.0, 4.0), (0.6, 1.0)
 
 
 def fully(bench: Bench, state: State) -> State:
@@ -70,16 +72,21 @@ def fully(bench: Bench, state: State) -> State:
         stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
         state = lowest(bench, starts)
-        if excess(bench, state) > NAMED:  # springs behind each other may have changed places
+        if excess(bench, state) > BY_ALL:  # on declared links nothing is the lowest
+            state = _carrying(bench, state)
+        if excess(bench, state) > NAMED and not isinstance(
+            state.effects[-1], Carrying
+        ):  # springs behind each other may have changed places
             declared = replace(state, minimum=replace(state.minimum, vector=as_declared(bench, state)))
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
             state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
     state = _closely(bench, Refit.of(state), excess(bench, state))
     if by_curve or bench.late or excess(bench, state) <= NAMED:
         return state
-    state = _carrying(bench, state)
-    new = crept(bench, state)
-    return new if new is state else _closely(bench, Refit.of(new), excess(bench, new))
+    for more in (_carrying, crept):
+        new = more(bench, state)
+        state = new if new is state else _closely(bench, Refit.of(new), excess(bench, new))
+    return state
 
 
 def _bending(bench: Bench, state: State) -> State:
@@ -123,30 +130,59 @@ def _carrying(bench: Bench, state: State) -> State:
 def _carrying_as_shown(bench: Bench, state: State) -> State:
     """As `_carrying`, in the ways that the last effect shows where it is."""
     last = of_declared_links(state.effects[-1])
-    if not last.carries:
+    if not last.carries or not np.isfinite(state.select):
         return state
-    p, n = state.problem.parameters(state.minimum.vector), bench.model.chain.n
+    p = state.problem.parameters(state.minimum.vector)
     scenes = [state.problem.scene(one, state.effects) for one in state.problem.data]
     arms = [known(scene, p) for scene in scenes]
     s = scenes[0].s[np.linspace(0, len(scenes[0].s) - 1, SHOWN_AT).astype(int)]
-    effect = carrying(last, shown(last, s, arms, bool(bench.model.factoring.believed)))
+    effect = carrying(last, shown(_soft(last), s, arms, bool(bench.model.factoring.believed)))
     more, kept = len(effect.values) - len(last.values), sum(len(e.values) for e in (*state.effects[:-1], last))
     scales, limits = state.scales[:kept] + (1.0,) * more, state.limits[:kept] + ((-FARTHEST, FARTHEST),) * more
     refit = Refit(np.zeros(0), (*state.effects[:-1], effect), scales, limits)
-    drives = bench.guess.vector()[: 4 * n]
     found = state.minimum.vector[: state.problem.base + kept]
-    vectors = [found, np.concatenate([drives, found[4 * n :]])]
+    vectors = [as_declared(bench, state)[: len(found)], found]
     starts = [replace(refit, vector=np.concatenate([vector, np.zeros(more)])) for vector in vectors]
     new = lowest(bench, starts)
     if excess(bench, new) > NAMED:
-        shapes = [k for k, p in enumerate(effect.parameters) if p.relative == "K" or p.unit == "Hz"]
-        new = lowest(
-            bench, [Refit.of(new), *(one for k in shapes for one in _resized(new, effect, [k], HALF_OR_TWICE))]
-        )
+        base = state.problem.base
+        anew = [
+            replace(refit, vector=np.concatenate([as_declared(bench, state)[:base], values]))
+            for values in _plausible(new)
+        ]
+        new = lowest(bench, [Refit.of(new), *anew])
     dof = degrees(bench.split.select)
     if new.select - dof > MUCH_LESS * (state.select - dof):
         return state
-    return _closely(bench, Refit.of(new), excess(bench, new))
+    return new
+
+
+def _plausible(state: State) -> list[Array]:
+    """The values of all effects, those of the last, which carries links, anew: stiffnesses half and twice, or of several the stiffer
+    ones as the least and a few times that, frequencies as is usual; links as declared."""
+    values, last = np.concatenate([e.values for e in state.effects]), state.effects[-1]
+    first = len(values) - len(last.values)
+    aside = [first + k for k, p in enumerate(last.parameters) if p.aside]
+    stiff = [first + k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
+    own = [first + k for k, p in enumerate(last.parameters) if p.unit == "Hz"]
+    values[aside] = 0.0
+    least, usual = values[stiff].min(), np.array([p.sizes[0] for p in last.parameters if p.unit == "Hz"])
+    found = []
+    for times in STIFFER_THAN if len(stiff) > 1 else HALF_OR_TWICE:
+        for share in OF_USUAL if len(own) else (1.0,):
+            one = values.copy()
+            one[stiff] = np.where(values[stiff] > least, times * least, least) if len(stiff) > 1 else times * least
+            one[own] = share * usual
+            found.append(one)
+    return found
+
+
+def _soft(effect: Effect) -> Effect:
+    """The effect with all its stiffnesses as its least: one that was found too stiff would not show what it carries."""
+    stiffnesses = [k for k, p in enumerate(effect.parameters) if p.relative == "K" and p.zero is None]
+    values = np.array(effect.values)
+    values[stiffnesses] = values[stiffnesses].min(initial=np.inf)
+    return effect.with_values(values.tolist())
 
 
 def _closely(bench: Bench, refit: Refit, left: float) -> State:
@@ -208,7 +244,10 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
             return state
         if back:
             break
-    return _carrying(bench, state) if isinstance(state.effects[-1], Carrying) else state
+    if not isinstance(state.effects[-1], Carrying):
+        return state
+    new = _carrying(bench, state)
+    return state if new is state else _closely(bench, Refit.of(new), excess(bench, new))
 
 
 def winds_up(effect: Effect) -> bool:

@@ -188,16 +188,24 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
     tried = refitted(bench, state, [(c, declared) for c in again], progress)
     best = min(tried, key=left_by, default=None)
     if best is not None and has_many(best[0].effect) and excess(bench, best[1]) > CLOSE**2:
-        tried += _bending(bench, state, declared, progress, best[0].effect)
+        tried += _bending(bench, state, declared, progress, lambda effect: same(effect, best[0].effect))
+    if (
+        found is None and excess(bench, min(tried, key=left_by)[1]) > BENT
+    ):  # a soft base bends all at once, and promises nothing
+        tried += _bending(bench, state, declared, progress, lambda effect: effect.joint is None)
     return as_it_creeps(bench, tried, CLOSE**2, progress)
 
 
 def _bending(
-    bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None], alike: Effect | None = None
+    bench: Bench,
+    state: State,
+    lin: Linearised,
+    progress: Callable[[str], None],
+    wanted: Callable[[Effect], bool] = lambda effect: True,
 ) -> list[Tried]:
-    """The impedances of many shapes that may have bent the arm, or one `alike`, from plausible ones, by few lines; the best refitted as
+    """The impedances of many shapes that may have bent the arm, those `wanted`, from plausible ones, by few lines; the best refitted as
     others are."""
-    likely = [c for c in bending(lin, state.effects) if alike is None or same(c.effect, alike)]
+    likely = [c for c in bending(lin, state.effects) if wanted(c.effect)]
     refits = [replace(_with(bench, state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
     left = [new.select for new in all_fitted(bench, refits)]
     best = sorted(zip(left, range(len(left)), strict=True))[:CURVES]

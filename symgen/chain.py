@@ -154,6 +154,13 @@ class Chain:
         """The inertial parameters of all bodies, base to tip [10 n]."""
         return readonly(np.concatenate([joint.inertia.parameters for joint in self.joints]))
 
+    @cached_property
+    def places(self) -> bytes:
+        """What tells where its joints are, whatever their bodies: type, placement and axis of each."""
+        return b"".join(
+            joint.type.encode() + joint.R.tobytes() + joint.p.tobytes() + joint.axis.tobytes() for joint in self.joints
+        )
+
     def with_parameters(self, phi: Array) -> Chain:
         """The same chain, its bodies with the inertial parameters phi [10 n], in the order of `parameters`."""
         bodies = map(Inertia.of, np.reshape(phi, (-1, 10)))

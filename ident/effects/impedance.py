@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.effects.base import Array, Complex
-from symgen.chain import REVOLUTE, Chain, Inertia, placements, readonly, skew
+from symgen.chain import REVOLUTE, Chain, placements, readonly, skew
 
 
 def at_link(z: Complex, joint: int | None, n: int) -> Complex:
@@ -73,58 +73,69 @@ class Sprung:
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """A chain at a posture: the twists [n, 6] of its joints, the frames (R [3, 3], p [3]) of its links and their inertia [n, 6, 6],
-    as `_spatial`. Arrays are read only."""
+    """The joints of a chain at a posture: their twists [n, 6] (velocity at the base's origin, angular velocity; base axes), the frames
+    (R [n, 3, 3], p [n, 3]) of their links, and how these move with the base [n, 6, 6]: what turns a twist of the base into
+    one in the link's own frame. Arrays are read only."""
 
-    chain: Chain
     twists: Array
-    frames: tuple[tuple[Array, Array], ...]
-    bodies: Array
+    R: Array
+    p: Array
+    carried: Array
 
     @staticmethod
     def of(chain: Chain, q: Array) -> Posed:
         R, p = np.eye(3), np.zeros(3)
-        rows, frames, bodies = [], [], []
+        rows, turned, origins, carried = [], [], [], []
         for joint, (turn, shift) in zip(chain.joints, placements(chain, np.asarray(q)[None]), strict=True):
             R, p = R @ turn[0], p + R @ shift[0]
             axis = R @ joint.axis
             rows.append(np.concatenate([skew(p) @ axis, axis] if joint.type == REVOLUTE else [axis, np.zeros(3)]))
-            frames.append((readonly(R), readonly(p)))
-            bodies.append(_spatial(joint.inertia.moved(R, p)))
-        return Posed(chain, readonly(rows), tuple(frames), readonly(bodies))
+            turned.append(R)
+            origins.append(p)
+            carried.append(np.block([[R.T, -R.T @ skew(p)], [np.zeros((3, 3)), R.T]]))
+        return Posed(readonly(rows), readonly(turned), readonly(origins), readonly(carried))
 
 
 #: Those that were asked for last: a fit asks for the postures of its records again and again.
-_POSED: dict[tuple[int, bytes], Posed] = {}
+_POSED: dict[tuple[bytes, bytes], Posed] = {}
 MOST_POSED = 1000
 
+#: The inertia [6, 6] of a body for (velocity at the origin, angular velocity) of its frame, of each of its ten parameters [10, 6, 6].
+_OF_PARAMETERS = np.zeros((10, 6, 6))
+_OF_PARAMETERS[0, :3, :3] = np.eye(3)
+for _k in range(3):
+    _OF_PARAMETERS[1 + _k, :3, 3:] = -skew(np.eye(3)[_k])
+    _OF_PARAMETERS[1 + _k, 3:, :3] = skew(np.eye(3)[_k])
+for _k, (_i, _j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+    _OF_PARAMETERS[4 + _k, 3 + _i, 3 + _j] = _OF_PARAMETERS[4 + _k, 3 + _j, 3 + _i] = 1.0
 
-def _posed(chain: Chain, q: Array) -> Posed:
-    key = (id(chain), np.asarray(q, dtype=float).tobytes())
+
+def posed(chain: Chain, q: Array) -> Posed:
+    """The joints of a chain at posture q [n]."""
+    key = (chain.places, np.asarray(q, dtype=float).tobytes())
     found = _POSED.get(key)
-    if found is None or found.chain is not chain:
+    if found is None:
         if len(_POSED) >= MOST_POSED:
             _POSED.clear()
         found = _POSED[key] = Posed.of(chain, q)
     return found
 
 
-def twists(chain: Chain, q: Array) -> tuple[Array, tuple[tuple[Array, Array], ...]]:
-    """Returns the twists [n, 6] of the joints (velocity at the base's origin, angular velocity; base axes), and the frames
-    (R [3, 3], p [3]) of the links, at posture q [n]."""
-    posed = _posed(chain, q)
-    return posed.twists, posed.frames
+def _bodies(chain: Chain, at: Posed) -> Array:
+    """The inertia [n, 6, 6] of the bodies of a chain for twists of the base."""
+    own = (chain.parameters.reshape(-1, 10) @ _OF_PARAMETERS.reshape(10, 36)).reshape(-1, 6, 6)
+    return np.asarray(np.swapaxes(at.carried, 1, 2) @ own @ at.carried)
 
 
 def coupling(chain: Chain, q: Array, motion: Array, link: int = 0, share: float = 1.0) -> tuple[Array, Array]:
     """Returns (C [k, n], M [k, k]): the inertia that k more motions share with the joints, and their own [kg m2].
 
-    `motion` [k, 6]: twists, as `twists` gives them, that move a `share` of the body of `link` (from 0) and all links
-    behind it.
+    `motion` [k, 6]: twists, as those of `Posed`, that move a `share` of the body of `link` (from 0) and all links behind
+    it.
     """
     joints, carried = _carried(chain, q, link, share)
-    C = np.array([motion @ carried[max(j, link)] @ joints[j] for j in range(chain.n)]).T
-    return C, motion @ carried[link] @ motion.T
+    behind = carried[np.maximum(np.arange(chain.n), link)]
+    return motion @ (behind @ joints[..., None])[..., 0].T, motion @ carried[link] @ motion.T
 
 
 def weighed(
@@ -135,51 +146,64 @@ def weighed(
     those of the other joints."""
     joints, carried = _carried(chain, q, link, share)
     across = skew(gravity)
-
-    def second(outer: Array, inner: Array, body: Array) -> float:
-        """What turns about `outer` do to what `inner` lifts of what it carries."""
-        return float(outer[3:] @ (across @ (body @ inner)[:3]))
-
-    V = [
-        [
-            second(joints[j], one, carried[link]) if j < before else second(one, joints[j], carried[j])
-            for j in range(chain.n)
-        ]
-        for one in motion
-    ]
-    W = np.array([[second(a, b, carried[link]) for b in motion] for a in motion])
-    return np.array(V), 0.5 * (W + W.T)
+    by_motion = across @ carried[link, :3] @ motion.T  # gravity's pull on what each motion moves
+    by_joint = across @ (carried[:, :3] @ joints[..., None])[..., 0].T
+    V = motion[:, 3:] @ by_joint
+    V[:, :before] = (joints[:before, 3:] @ by_motion).T
+    W = motion[:, 3:] @ by_motion
+    return V, 0.5 * (W + W.T)
 
 
 def inertia_and_weight(chain: Chain, q: Array, gravity: Array) -> tuple[Array, Array]:
     """Returns the inertia matrix [n, n, kg m2] of the declared links, and the stiffness [n, n, N m/rad] that gravity adds."""
     joints, carried = _carried(chain, q, 0, 1.0)
-    J, K = np.zeros((2, chain.n, chain.n))
-    for j, body in enumerate(carried):
-        momentum = body @ joints[j]
-        J[j, : j + 1] = J[: j + 1, j] = joints[: j + 1] @ momentum
-        K[j, : j + 1] = K[: j + 1, j] = -joints[: j + 1, 3:] @ (skew(momentum[:3]) @ gravity)
-    return J, K
+    momentum = (carried @ joints[..., None])[..., 0]
+    return _both_ways(joints @ momentum.T), _both_ways(joints[:, 3:] @ skew(gravity) @ momentum[:, :3].T)
+
+
+def slopes(chain: Chain, q: Array, gravity: Array) -> tuple[Array, Array]:
+    """d/dq_k of the inertia matrix and of the stiffness that gravity adds, [n, n, n] each, k first, at posture q [n].
+
+    A joint moves the axes of those behind it by the commutator of their twists, and with these all that they carry.
+    """
+    joints, carried = _carried(chain, q, 0, 1.0)
+    k, i, j = np.ogrid[: chain.n, : chain.n, : chain.n]
+    v, w = joints[:, :3], joints[:, 3:]
+    turned = np.cross(w[:, None], w)  # [k, i]
+    moved = np.concatenate([np.cross(w[:, None], v) + np.cross(v[:, None], w), turned], axis=2)
+    momentum = (carried[:, None] @ joints[..., None])[..., 0]  # of what k carries, by joint j
+    own = momentum[np.arange(chain.n), np.arange(chain.n)]
+    # a joint in between moves only what i is measured against; one behind both what it carries, too
+    between = -(moved @ own.T)
+    behind = -(moved @ np.swapaxes(momentum, 1, 2) + momentum @ np.swapaxes(moved, 1, 2))
+    dJ = np.where(k <= i, 0.0, np.where(k <= j, between, behind))
+    # linear momentum turns with joint k; of one behind only what that carries does, and joint j moves it otherwise
+    whole = np.cross(w[:, None], own[:, :3])
+    part = np.cross(w[:, None], momentum[..., :3]) - (carried[:, None, :3] @ moved[..., None])[..., 0]
+    change = np.where(k <= i, whole, part)  # [k, j]
+    across = skew(gravity)
+    dK = w @ across @ np.swapaxes(change, 1, 2)
+    dK += np.where(k < i, turned @ across @ own[:, :3].T, 0.0)
+    return _both_ways(dJ), _both_ways(dK)
+
+
+def _both_ways(upper: Array) -> Array:
+    """Symmetric matrices [.., n, n] of which the entries on and above the diagonal are given."""
+    above = np.triu(upper, 1)
+    return np.asarray(np.triu(upper) + np.swapaxes(above, -1, -2))
 
 
 def _carried(chain: Chain, q: Array, link: int, share: float) -> tuple[Array, Array]:
     """The twists [n, 6] of the joints, and what hangs on each [n, 6, 6] with a `share` of the body of `link`."""
-    posed = _posed(chain, q)
-    bodies = posed.bodies.copy()
+    at = posed(chain, q)
+    bodies = _bodies(chain, at)
     bodies[link] *= share
-    return posed.twists, np.cumsum(bodies[::-1], axis=0)[::-1]
+    return at.twists, np.cumsum(bodies[::-1], axis=0)[::-1]
 
 
 def own_inertia(chain: Chain, q: Array, link: int, motion: Array) -> Array:
     """What the body of one link alone contributes to the inertia between a `motion` [6] and the joints [n, kg m2]."""
-    posed = _posed(chain, q)
-    joints = posed.twists.copy()
+    at = posed(chain, q)
+    joints = at.twists.copy()
     joints[link + 1 :] = 0.0
-    return np.asarray(joints @ posed.bodies[link] @ motion)
-
-
-def _spatial(body: Inertia) -> Array:
-    """The inertia [6, 6] of a body for (velocity at the origin, angular velocity)."""
-    c = skew(body.com)
-    m = body.mass
-    return np.block([[m * np.eye(3), -m * c], [m * c, body.I - m * c @ c]])
+    return np.asarray(joints @ _bodies(chain, at)[link] @ motion)

@@ -7,7 +7,7 @@ from typing import final
 import numpy as np
 
 from ident.effects.base import Array, Body, Complex, Effect, Known, Parameter, Swing
-from ident.effects.impedance import Sprung, coupling, own_inertia, twists, weighed
+from ident.effects.impedance import Sprung, coupling, own_inertia, posed, weighed
 from ident.effects.sway import bent, rocked, second_order
 from symgen.chain import Chain
 
@@ -57,14 +57,14 @@ def _row(arm: Known, joint: int) -> tuple[Array, Array]:
     """The row [1, n] of J of a joint, and J_ii [1, 1]; from the declared links where the joint is not live in J."""
     if arm.J[joint, joint] or arm.chain is None:
         return np.array(arm.J[[joint]]), np.array(arm.J[[joint]][:, [joint]])
-    return coupling(arm.chain, arm.posture, twists(arm.chain, arm.posture)[0][[joint]], joint)
+    return coupling(arm.chain, arm.posture, posed(arm.chain, arm.posture).twists[[joint]], joint)
 
 
 def _weight(arm: Known, link: int, motion: Array | None = None, share: float = 1.0) -> tuple[Array, Array] | None:
     """Gravity's stiffness for one more turn of a link about its joint's axis, or by another `motion` [6], as `weighed`."""
     if arm.chain is None or arm.gravity is None:
         return None
-    motion = twists(arm.chain, arm.posture)[0][link] if motion is None else motion
+    motion = posed(arm.chain, arm.posture).twists[link] if motion is None else motion
     return weighed(arm.chain, arm.posture, arm.gravity, motion[None], link, share, link + 1)
 
 
@@ -145,13 +145,13 @@ class LinkFlexibility(Effect):
         if arm.chain is None:
             C, own = arm.J[[i]] * share, arm.J[i : i + 1, i : i + 1] * share
         elif across:
-            R, p = twists(arm.chain, arm.posture)[1][i]
-            axis = R @ self._axis(arm.chain)
-            motion = np.concatenate([np.cross(p, axis), axis])
+            at = posed(arm.chain, arm.posture)
+            axis = at.R[i] @ self._axis(arm.chain)
+            motion = np.concatenate([np.cross(at.p[i], axis), axis])
             C, own = coupling(arm.chain, arm.posture, motion[None], i, share)
             weight = _weight(arm, i, motion, share)
         else:
-            motion, row = twists(arm.chain, arm.posture)[0][i], _row(arm, i)[0]
+            motion, row = posed(arm.chain, arm.posture).twists[i], _row(arm, i)[0]
             link = row if i == arm.chain.n - 1 else own_inertia(arm.chain, arm.posture, i, motion)
             C = row - (1.0 - share) * link
             own = C[:, [i]]
@@ -215,8 +215,8 @@ class AttachedResonator(Effect):
 
 def _turns(chain: Chain, q: Array, link: int) -> Array:
     """How far a link turns about its joint's axis for each joint's unit motion [n]: cosines between axes."""
-    rows, frames = twists(chain, q)
-    turns = rows[:, 3:] @ (frames[link][0] @ chain.joints[link].axis)
+    at = posed(chain, q)
+    turns = at.twists[:, 3:] @ (at.R[link] @ chain.joints[link].axis)
     turns[link + 1 :] = 0.0
     return np.asarray(turns)
 

@@ -12,11 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from ident.effects.base import Array, Complex, Known, Swing
-from ident.effects.impedance import Sprung, inertia_and_weight
+from ident.effects.impedance import Sprung, slopes
 from symgen.chain import REVOLUTE, Chain, Inertia, Joint
-
-#: Step [rad, m] of a joint by which inertia and weight are differentiated.
-DIFFERENCE = 1e-4
 
 
 def bent(chain: Chain, link: int, share: float, axis: Array) -> Chain:
@@ -55,20 +52,11 @@ def second_order(s: Complex, arm: Known, swing: Swing, sprung: Sprung, chain: Ch
     giving = stiff.copy()
     for order in range(3):
         giving[order][:, places] = swing.in_time(s[:, None] ** order * turn)
-    slopes = _slopes(chain, posture, np.zeros(3) if arm.gravity is None else arm.gravity)
-    forces = of_second_order(*slopes, *giving)
-    more = forces - of_second_order(*slopes, *stiff)
+    changes = slopes(chain, posture, np.zeros(3) if arm.gravity is None else arm.gravity)
+    forces = of_second_order(*changes, *giving)
+    more = forces - of_second_order(*changes, *stiff)
     more[:, places] = 0.0
     return sprung.passed_on(s, swing.at_lines(more[:, links]), swing.at_lines(forces[:, places]))
-
-
-def _slopes(chain: Chain, q: Array, gravity: Array) -> tuple[Array, Array]:
-    """d/dq_k of the inertia matrix and of the stiffness that gravity adds, [n, n, n] each, k first, at posture q [n]."""
-    found = []
-    for step in DIFFERENCE * np.eye(chain.n):
-        more, less = inertia_and_weight(chain, q + step, gravity), inertia_and_weight(chain, q - step, gravity)
-        found.append([(a - b) / (2.0 * DIFFERENCE) for a, b in zip(more, less, strict=True)])
-    return np.array([J for J, _ in found]), np.array([K for _, K in found])
 
 
 def of_second_order(dJ: Array, dK: Array, q: Array, v: Array, a: Array) -> Array:

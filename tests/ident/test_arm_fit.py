@@ -100,6 +100,23 @@ def test_a_damping_that_would_vanish_leaves_the_others_their_step() -> None:
     np.testing.assert_allclose(step, [-(0.3 - 0.1) / 2.0, -1.0])
 
 
+def test_what_nothing_shows_does_not_turn_the_step_when_it_is_cut() -> None:
+    """The last would go 50 for a little more, and may go 1; the others go where chi^2 is least then, which still falls."""
+    information = np.array([[2.0, 0.0, 0.2], [0.0, 2.0, 0.1], [0.2, 0.1, 0.03]])
+    slope, every, none = np.array([0.3, 0.3, -0.8]), np.ones(3, dtype=bool), np.zeros(3, dtype=bool)
+    low, high = np.full(3, -np.inf), np.full(3, np.inf)
+    problem = SimpleNamespace(low=low, high=high, free=every, giving=none, dampings=none, scale=np.ones(3))
+    whole = -np.linalg.solve(information, slope)
+    assert whole[2] > 50.0 and np.clip(whole, -1.0, 1.0) @ slope < -1.0
+    step = _step(problem, np.zeros(3), slope, information, 0.0)  # type: ignore[arg-type]
+    np.testing.assert_allclose(step, [-(0.3 + 0.2) / 2.0, -(0.3 + 0.1) / 2.0, 1.0])
+
+    def left(step: Array) -> float:
+        return float(2.0 * step @ slope + step @ information @ step)
+
+    assert left(step) < left(np.clip(whole, -1.0, 1.0)) - 1.0
+
+
 def test_a_damping_that_is_not_felt_grows_until_it_is_if_it_is_missed() -> None:
     felt = 1e-3  # of a standard deviation
     _, taken = _damped(-felt * 95.0, np.diag([2.0, felt**2]))

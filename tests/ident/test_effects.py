@@ -10,9 +10,10 @@ import pytest
 from ident.effects.base import PORTS, SCALES, Effect, Known, Law, scale
 from ident.effects.catalogue import CATALOGUE, parse, truth
 from ident.effects.hysteresis import MotorHysteresis
-from ident.effects.impedance import coupling, twists, weighed
+from ident.effects.impedance import coupling, inertia_and_weight, posed, slopes, weighed
 from ident.effects.motion import SIGNALS, Motion, State
 from ident.errors import IdentError
+from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 from symgen.urdf import load_chain
 
@@ -189,7 +190,7 @@ def test_geometry_is_pinocchios(name: str) -> None:
     q = np.random.default_rng(5).uniform(-1, 1, n)
     arm, model, data = known(name, q)
     assert arm.chain is not None
-    axes = twists(arm.chain, q)[0]
+    axes = posed(arm.chain, q).twists
     C, _ = coupling(arm.chain, q, axes)  # every joint's own motion, but carrying all links: only the first row is J's
     assert C[0] == pytest.approx(arm.J[0], rel=1e-9, abs=1e-12)
     for i in range(n):
@@ -321,3 +322,16 @@ def test_declared_effects_need_no_hook_of_the_fit_but_for_what_is_not_declared()
         }
         assert not (cls.declared and hooks) or any(p.declared for p in cls.parameters)
         assert cls.declared or hooks or not cls.injectable
+
+
+@pytest.mark.parametrize("name", ["arm6", "scara4", "arm7"])
+def test_inertia_and_weight_change_with_the_posture_as_their_slopes_say(name: str) -> None:
+    chain, gravity, step = chain_of_robot(load_robot(ROBOTS / name)), np.array([1.0, 2.0, -9.81]), 1e-5
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, chain.n)
+    for k, found in enumerate(slopes(chain, q, gravity)):
+        ahead, behind = (
+            np.array([inertia_and_weight(chain, q + sign * row, gravity)[k] for row in step * np.eye(chain.n)])
+            for sign in (1.0, -1.0)
+        )
+        expected = (ahead - behind) / (2.0 * step)
+        np.testing.assert_allclose(found, expected, atol=1e-8 * max(1.0, np.abs(expected).max()))
