@@ -55,6 +55,8 @@ BACK = 1.05
 TOLD_ANEW = 3
 #: Times as stiff, or as fast, from where it is fitted again once links may be off.
 HALF_OR_TWICE = (0.5, 2.0)
+#: Valleys whose bottoms are looked at.
+VALLEYS = 3
 #: Times the least of its stiffnesses that the others are tried at, and of a usual frequency that its own is.
 STIFFER_THAN, OF_USUAL = (1.0, 4.0), (0.6, 1.0)
 
@@ -150,7 +152,11 @@ def _carrying_as_shown(bench: Bench, state: State) -> State:
             replace(refit, vector=np.concatenate([as_declared(bench, state)[:base], values]))
             for values in _plausible(new)
         ]
-        new = lowest(bench, [Refit.of(new), *anew])
+        others = [replace(one, outer=1, roughly=HASTILY) for one in [Refit.of(new), *anew]]
+        for other in sorted(_until_nothing(bench, others), key=lambda other: other.select)[:VALLEYS]:
+            new = min(new, fitted(bench, Refit.of(other)), key=lambda one: one.select)
+            if excess(bench, new) <= NAMED:
+                break
     dof = degrees(bench.split.select)
     if new.select - dof > MUCH_LESS * (state.select - dof):
         return state

@@ -189,9 +189,9 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
     best = min(tried, key=left_by, default=None)
     if best is not None and has_many(best[0].effect) and excess(bench, best[1]) > CLOSE**2:
         tried += _bending(bench, state, declared, progress, lambda effect: same(effect, best[0].effect))
-    if (
-        found is None and excess(bench, min(tried, key=left_by)[1]) > BENT
-    ):  # a soft base bends all at once, and promises nothing
+    all_at_once = best is not None and best[0].effect.joint is None
+    if found is None and not all_at_once and (not tried or excess(bench, min(tried, key=left_by)[1]) > BENT):
+        # a soft base bends the whole arm, and promises nothing from there
         tried += _bending(bench, state, declared, progress, lambda effect: effect.joint is None)
     return as_it_creeps(bench, tried, CLOSE**2, progress)
 
