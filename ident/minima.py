@@ -71,7 +71,7 @@ def fully(bench: Bench, state: State) -> State:
     # what a curve leaves, which it does not draw, is no valley
     by_curve = _drawn(state)
     if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2 and not by_curve:
-        stiffnesses = [k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
+        stiffnesses = _stiffnesses(last)
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
         state = lowest(bench, starts)
         if excess(bench, state) > BY_ALL:  # on declared links nothing is the lowest
@@ -86,9 +86,13 @@ def fully(bench: Bench, state: State) -> State:
     if by_curve or bench.late or excess(bench, state) <= NAMED:
         return state
     for more in (_carrying, crept):
-        new = more(bench, state)
-        state = new if new is state else _closely(bench, Refit.of(new), excess(bench, new))
+        state = _closely_if_new(bench, state, more(bench, state))
     return state
+
+
+def _closely_if_new(bench: Bench, state: State, new: State) -> State:
+    """The model, or what it became, at its minimum."""
+    return state if new is state else _closely(bench, Refit.of(new), excess(bench, new))
 
 
 def _bending(bench: Bench, state: State) -> State:
@@ -130,7 +134,7 @@ def _carrying(bench: Bench, state: State) -> State:
 
 
 def _carrying_as_shown(bench: Bench, state: State) -> State:
-    """As `_carrying`, in the ways that the last effect shows where it is."""
+    """As `_carrying`, in the ways that the last effect shows where it is, at its softest."""
     last = of_declared_links(state.effects[-1])
     if not last.carries or not np.isfinite(state.select):
         return state
@@ -166,29 +170,38 @@ def _carrying_as_shown(bench: Bench, state: State) -> State:
 def _plausible(state: State) -> list[Array]:
     """The values of all effects, those of the last, which carries links, anew: stiffnesses half and twice, or of several the stiffer
     ones as the least and a few times that, frequencies as is usual; links as declared."""
-    values, last = np.concatenate([e.values for e in state.effects]), state.effects[-1]
-    first = len(values) - len(last.values)
-    aside = [first + k for k, p in enumerate(last.parameters) if p.aside]
-    stiff = [first + k for k, p in enumerate(last.parameters) if p.relative == "K" and p.zero is None]
-    own = [first + k for k, p in enumerate(last.parameters) if p.unit == "Hz"]
-    values[aside] = 0.0
-    least, usual = values[stiff].min(), np.array([p.sizes[0] for p in last.parameters if p.unit == "Hz"])
+    last = state.effects[-1]
+    before = [value for effect in state.effects[:-1] for value in effect.values]
+    values = np.where([p.aside for p in last.parameters], 0.0, last.values)
+    own = [k for k, p in enumerate(last.parameters) if p.unit == "Hz"]
+    usual = np.array([last.parameters[k].sizes[0] for k in own])
+    stiff = np.array(_stiffnesses(last))
+    least = values[stiff].min()
+    if len(stiff) > 1:
+        resized, factors = stiff[values[stiff] > least], STIFFER_THAN
+    else:
+        resized, factors = stiff, HALF_OR_TWICE
     found = []
-    for times in STIFFER_THAN if len(stiff) > 1 else HALF_OR_TWICE:
-        for share in OF_USUAL if len(own) else (1.0,):
-            one = values.copy()
-            one[stiff] = np.where(values[stiff] > least, times * least, least) if len(stiff) > 1 else times * least
-            one[own] = share * usual
-            found.append(one)
+    for factor in factors:
+        for share in OF_USUAL if own else (1.0,):
+            anew = values.copy()
+            anew[resized] = factor * least
+            anew[own] = share * usual
+            found.append(np.concatenate([before, anew]))
     return found
 
 
 def _soft(effect: Effect) -> Effect:
     """The effect with all its stiffnesses as its least: one that was found too stiff would not show what it carries."""
-    stiffnesses = [k for k, p in enumerate(effect.parameters) if p.relative == "K" and p.zero is None]
+    stiffnesses = _stiffnesses(effect)
     values = np.array(effect.values)
     values[stiffnesses] = values[stiffnesses].min(initial=np.inf)
     return effect.with_values(values.tolist())
+
+
+def _stiffnesses(effect: Effect) -> list[int]:
+    """Which values of an effect are stiffnesses of what gives."""
+    return [k for k, p in enumerate(effect.parameters) if p.relative == "K" and p.zero is None]
 
 
 def _closely(bench: Bench, refit: Refit, left: float) -> State:
@@ -252,8 +265,7 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
             break
     if not isinstance(state.effects[-1], Carrying):
         return state
-    new = _carrying(bench, state)
-    return state if new is state else _closely(bench, Refit.of(new), excess(bench, new))
+    return _closely_if_new(bench, state, _carrying(bench, state))
 
 
 def winds_up(effect: Effect) -> bool:

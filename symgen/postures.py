@@ -162,9 +162,9 @@ def plan(
         with _shared(alone, min(WORKERS, work.search.finalists)) as better:
             cells = found(better)
         if d_efficiency(rows.of_cells(cells), best.log_det_bound) < ENOUGH:
-            merit = Merit(rows, POWER)
-            with _shared(bettering(rows, merit, holding), min(WORKERS, work.search.finalists)) as better:
-                cells = enough(rows, merit, cells, best, better)
+            by_det = Merit(rows, POWER)
+            with _shared(bettering(rows, by_det, holding), min(WORKERS, work.search.finalists)) as better:
+                cells = enough(rows, by_det, cells, best, better)
     _, needed = holding.placed(cells)
     pool = best.cells + every_joint(spread(holding.allowed, CANDIDATES, 0.5))
     more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare, holding)
