@@ -22,8 +22,9 @@ TURNS, MEMORY, SLID, BALANCES = 60, 8, 1e-4, 3
 #: Share by which inner products of a turn with itself are lifted where turns are mixed.
 RIDGE = 1e-4
 #: Share by which turns change that are near to settle and do not; Newton's steps from there, shares of a step that are tried, what is
-#: left when they end; what gmres leaves of each, and takes.
+#: left when they end; what of a slope is felt, samples at which it is solved for directly; what gmres leaves of more, and takes.
 NEARLY, CLOSER, SHARES, CLOSE = 0.1, 4, (1.0, 0.5, 0.25), 1e-4
+FELT, MOST_DENSE = 1e-3, 1200
 LEFT, KRYLOV, RESTARTS = 1e-2, 60, 4
 #: Share of itself by which a turn changes what has settled; how far aside, as a share of it, and of its change, a tangent is told,
 #: and what gmres leaves of that along it; its steps for one of Newton's, and most of these.
@@ -125,7 +126,7 @@ def closer(
     f, left = missing(v)
     slope = _slope(friction, v, f) if slope is None else slope
     for _ in range(CLOSER):
-        step = _along_tangent(yielded, slope, left)
+        step = along_tangent(gives, slope, left)
         for share in SHARES:
             there = v - share * step
             f_there, left_there = missing(there)
@@ -172,11 +173,30 @@ def _along_turns(turn: Callable[[Array], Array], w: Array, change: Array) -> Arr
     return np.asarray(gmres(tangent, change, rtol=ALONG, restart=INNER, maxiter=1)[0])
 
 
-def _along_tangent(yielded: Callable[[Array], Array], slope: Array, left: Array) -> Array:
-    """The step u [S] that takes `left` away: u + yielded(slope u) = left."""
+def along_tangent(gives: Complex, slope: Array, left: Array) -> Array:
+    """The step u [S] that takes `left` away: u + y = left, where y is what `gives` makes of the force slope u.
+
+    What gives against the usual slope as well is solved for exactly, by harmonics; where the slope is another, at the samples alone if
+    they are few, else in Krylov's space.
+    """
     S = len(left)
-    whole = LinearOperator((S, S), matvec=lambda u: u + yielded(slope * u))
-    return np.asarray(gmres(whole, left, rtol=LEFT, restart=KRYLOV, maxiter=RESTARTS)[0])
+    usual = float(np.median(slope))
+    gives = np.append(gives[:-1], gives[-1].real)  # which is all that samples tell of their highest harmonic
+    eased, apart = 1.0 / (1.0 + usual * gives), slope - usual
+
+    def given(by: Complex, x: Array) -> Array:
+        return np.fft.irfft(by * np.fft.rfft(x), S)
+
+    yields = np.fft.irfft(eased * gives, S)
+    felt = np.flatnonzero(np.abs(apart) * np.abs(yields).sum() > FELT)
+    if len(felt) > MOST_DENSE:
+        whole = LinearOperator((S, S), matvec=lambda x: x + given(gives, apart * given(eased, x)))
+        return given(eased, gmres(whole, left, rtol=LEFT, restart=KRYLOV, maxiter=RESTARTS)[0])
+    alone = given(eased, left)
+    by_samples = yields[(felt[:, None] - felt) % S] * apart[felt] + np.eye(len(felt))
+    force = np.zeros(S)
+    force[felt] = apart[felt] * np.linalg.solve(by_samples, alone[felt])
+    return alone - given(eased * gives, force)
 
 
 def _slope(friction: Callable[[Array], Array], v: Array, f: Array) -> Array:
