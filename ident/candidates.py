@@ -218,6 +218,13 @@ def larger(one: Candidate, times: float) -> Candidate:
     return replace(one, effect=one.effect.with_values(values))
 
 
+def smallest(lin: Linearised, kind: type[Effect], joint: int) -> Candidate:
+    """An effect of this kind as small as is plausible, whatever it promises."""
+    unit = units(lin, kind, joint)
+    values = [u * min(p.sizes, key=abs) for p, u in zip(kind.parameters, unit, strict=True)]
+    return Candidate(kind(joint, tuple(values)), 0.0, tuple(np.abs(values).tolist()))
+
+
 def otherwise(lin: Linearised, effect: Effect) -> list[Candidate]:
     """Effects like this one with another whole number, an order or the record of a change: `MORE` of those that promise most."""
     kind, unit = type(effect), units(lin, type(effect), effect.joint)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -58,6 +59,14 @@ def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
     for _, port, joint, name, seen in sorted(waves, key=lambda wave: -wave[0])[:REPEATING]:
         found += _repeating(lin, port, joint, name, seen, workers)
     return sorted(found, key=lambda c: -c.gain)
+
+
+def curve_of(lin: Linearised, port: str, joint: int, name: str) -> Candidate | None:
+    """The learned curve at a port of a joint of a variable, nothing at first."""
+    lin.prepare()
+    shape = _shape(lin, port, joint, name)
+    drawn = _drawn(lin, [shape] if shape else [], 1)
+    return replace(drawn[0], effect=drawn[0].effect.with_values([0.0] * len(drawn[0].scales))) if drawn else None
 
 
 def responses(lin: Linearised, least: float, workers: int = 1) -> list[Candidate]:

@@ -17,8 +17,9 @@ from ident.likely_motion import Force
 from ident.scene import Scene
 
 #: Turns to a force and what it stops, turns that are mixed, the change that ends them; times that the best line is found from
-#: which they start.
+#: which they start; turns after which Newton's steps are tried where slopes of friction are the same but for this share.
 TURNS, MEMORY, SLID, BALANCES = 60, 8, 1e-4, 3
+SOON, EVENLY = 8, 0.5
 #: Share by which inner products of a turn with itself are lifted where turns are mixed.
 RIDGE = 1e-4
 #: Share by which turns change that are near to settle and do not; Newton's steps from there, shares of a step that are tried, what is
@@ -95,19 +96,56 @@ def in_turns(
         v_lines[0] = 0.0  # a constant torque moves nothing for ever: what is needed is there
         return np.asarray(np.fft.irfft(force + g * v_lines, S) - w)
 
+    def step(change: Array, w: Array, evenly: bool) -> Array | None:
+        """Newton's step from w, which a turn changes so; none where friction does not give `evenly` all the time, if it is to."""
+        v = met.v
+        f = w - g * v
+        slope = _slope(friction(EVERYWHERE), v, friction(EVERYWHERE)(v))
+        if evenly and np.ptp(slope) > EVENLY * np.abs(np.median(slope)):
+            return None
+        moved = along_tangent(gives, slope, np.fft.irfft(alone - gives * np.fft.rfft(f), S) - v)
+        return (slope + g) * moved
+
     turned = [(turn(w), w) for w in starts]
     change, w = min(turned, key=lambda one: norm(one[0]) / (norm(one[0] + one[1]) + 1e-300))
     w = w + change
-    w, left = _mixed(turn, w, turns, SLID * float(norm(w)))
+    enough = SLID * float(norm(w))
+    w, left = _mixed(turn, w, min(turns, SOON), enough)
+    if left > SLID:  # what sticks all the time is there in a step or two
+        w, left = _stepped(turn, lambda change, w: step(change, w, True), w, enough)
+    if left > SLID and turns > SOON:
+        w, left = _mixed(turn, w, turns - SOON, enough)
+        if left > SLID and turns >= TURNS:
+            w, left = _stepped(turn, lambda change, w: step(change, w, False), w, enough)
     v, f = met.v, w - g * met.v
     slope = _slope(
         friction(EVERYWHERE), v, friction(EVERYWHERE)(v)
     )  # not f: a tangent is narrower than what is missing
-    if turns >= TURNS and SLID < left < NEARLY:
-        v, f, slope = closer(friction(EVERYWHERE), np.fft.irfft(alone, S), gives, v, slope)
-        force = np.fft.rfft(f)
     there = Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S)
     return there, slope, (v.astype(np.float32), f.astype(np.float32))
+
+
+def _stepped(
+    turn: Callable[[Array], Array], step: Callable[[Array, Array], Array | None], w: Array, enough: float
+) -> tuple[Array, float]:
+    """Newton's steps from w [W], as `step` has them for what a turn changes there, until that is `enough` or falls no more; returns the w
+    of the last turn, and the share by which that changes."""
+    change = turn(w)
+    for _ in range(OUTER):
+        if not norm(change) > enough:
+            break
+        aside = step(change, w)
+        if aside is None:
+            break
+        for share in SHARES:
+            there, left = w + share * aside, turn(w + share * aside)
+            if norm(left) < (1.0 - 0.5 * share) * norm(change):
+                break
+        else:
+            turn(w)
+            break
+        w, change = there, left
+    return w, float(norm(change) / (norm(w) + 1e-300))
 
 
 def closer(
@@ -146,19 +184,7 @@ def settled(turn: Callable[[Array], Array], w: Array, turns: int) -> Array:
     w, left = _mixed(turn, w, turns, SETTLED * float(norm(w)))
     if turns < TURNS or not SETTLED < left < NEARLY:
         return w
-    change = turn(w)
-    for _ in range(OUTER):
-        step = _along_turns(turn, w, change)
-        for share in SHARES:
-            there, left_there = w + share * step, turn(w + share * step)
-            if norm(left_there) < (1.0 - 0.5 * share) * norm(change):
-                break
-        else:
-            break
-        w, change = there, left_there
-        if norm(change) < SETTLED * norm(w):
-            break
-    return w
+    return _stepped(turn, lambda change, w: _along_turns(turn, w, change), w, SETTLED * float(norm(w)))[0]
 
 
 def _along_turns(turn: Callable[[Array], Array], w: Array, change: Array) -> Array:

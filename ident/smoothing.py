@@ -80,9 +80,9 @@ def _smoothed(
                 for e in effects
                 if isinstance(e, PeriodicLaw) and (e.port, e.joint) == (key[0], scene.arm.live[key[1]])
             ]
-            dry = [law for law in here if law.dry]
-            springs = [] if dry else [law for law in here if not law.linear]
-            others = [e for e in effects if e not in dry and e not in springs]
+            springs = [law for law in here if not law.linear]
+            dry = [law for law in springs if isinstance(law, Law)] if any(law.dry for law in here) else []
+            others = [e for e in effects if e not in (dry or springs)]
             on = on | {key: _of(signals(arm.scene, others, motion), key, arm.scene)}
             if dry:
                 rubbing.add(key)

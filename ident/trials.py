@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.candidates import Candidate, best_of, bounds, catalogue, larger, nearer, otherwise, units
 from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
-from ident.contact import as_it_creeps, balanced
+from ident.contact import as_it_creeps, balanced, besides
 from ident.curves import curves, responses, wave
 from ident.effects.base import Effect, has_forces, only_forces, only_impedance, overrides
 from ident.effects.catalogue import CATALOGUE
@@ -18,7 +18,9 @@ from ident.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told
 from ident.parts import degrees
 from ident.refits import (
     CLOSE,
+    FINELY,
     FIRST_LINES,
+    FULLY,
     HASTILY,
     NAMED,
     Bench,
@@ -58,8 +60,8 @@ FINALISTS = 3
 #: Share of what was in excess without effects below which nothing more is looked for once little is left; where much is, an
 #: effect that does less has to leave less than this share of it.
 ENOUGH, REST = 3e-3, 0.2
-#: Share of a small rest that an effect must promise to be tried.
-MOST = 0.5
+#: Share of a small rest that an effect must promise to be tried; of what friction leaves, that a law beside it may leave to be it.
+MOST, HALF = 0.5, 0.5
 #: Orders beyond a whole one up to which another is looked for; chi^2 per degree of freedom that it must leave less.
 NEXT, ANOTHER = 2.0, 0.02
 
@@ -148,9 +150,25 @@ def _from_fitted(
         likely += balanced(lin, state.effects)
     tried = _nearest_finely(bench, refitted(bench, state, [(c, lin) for c in likely], progress), progress)
     tried = as_it_creeps(bench, tried, CLOSE**2, progress)
+    if excess(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
+        tried += _besides(bench, state, lin, progress)
     rubs = any(effect.dry for effect in state.effects)
     if not any(explains(bench, new, first) if rubs else excess(bench, new) <= NAMED for _, new in tried):
         tried += _drawn(bench, state, lin, progress)
+    return tried
+
+
+def _besides(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+    """Laws beside the dry friction of a model, curves if no name is it, fitted until they settle: each changes the motion that the
+    other is of by little."""
+    tried: list[Tried] = []
+    for likely in besides(lin, state.effects):
+        if not bench.late and all(left_by(one) > HALF * state.select for one in tried):
+            refits = [_with(bench, state, c, lin) for c in likely]
+            fine = [replace(one, outer=FULLY, roughly=FINELY) for one in refits]
+            tried += zip(likely, all_fitted(bench, fine), strict=True)
+    for _, new in tried:
+        progress(f"  beside what rubs, {told(new.effects[-1])}: {excess(bench, new):.4g}")
     return tried
 
 
@@ -230,7 +248,7 @@ def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> 
     limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
     return Refit(
         np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect),
-        state.scales + candidate.scales, state.limits + limits, 1, HASTILY,
+        state.scales + candidate.scales, state.limits + limits, 1, HASTILY, slid=state.minimum.slid,
     )  # fmt: skip
 
 

@@ -13,11 +13,11 @@ from ident.bench import simulate
 from ident.campaign_model import model_of_campaign
 from ident.candidates import Candidate, best_of
 from ident.choice import Tried
-from ident.contact import balanced
+from ident.contact import balanced, besides
 from ident.diagnose import Begun, begin
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
-from ident.effects.friction import MotorCoulomb
+from ident.effects.friction import LinkCoulomb, LinkViscous, MotorCoulomb
 from ident.effects.learned import learned
 from ident.effects.motor import TorqueScale
 from ident.frf import estimate
@@ -121,6 +121,17 @@ def test_a_torque_that_friction_balances_is_tried_as_large_as_is_plausible(begun
         (SCALE, 1, (-0.05,)),
     ]
     assert balanced(lin, [rubs, scale]) == balanced(lin, [scale]) == []
+
+
+def test_what_drags_is_tried_beside_what_rubs_whatever_it_promises(begun: Begun) -> None:
+    lin = linearised(begun.start.problem, begun.start.minimum.vector)
+    rubs, drags = LinkCoulomb(1, (0.1,)), LinkViscous(1, (0.02,))
+    names, curves = besides(lin, [rubs])
+    assert [(c.effect.name, c.effect.joint) for c in names] == [("link-viscous", 1)]
+    assert [(c.effect.port, c.effect.joint, set(c.effect.values)) for c in curves] == [("link", 1, {0.0})]
+    assert not besides(lin, [rubs, drags])[0]
+    assert [c.effect.name for c in besides(lin, [MotorCoulomb(1, (0.1,))])[0]] == ["motor-quadratic-drag"]
+    assert besides(lin, [drags]) == ([], [])
 
 
 def test_what_gives_is_tried_beside_all_else_that_gives_there(begun: Begun) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from ident.sliding import FELT, LEFT, MOST_DENSE, along_tangent
+from ident.sliding import FELT, LEFT, MOST_DENSE, SOON, TURNS, Where, along_tangent, in_turns
 
-S, OWN, DAMPING = 4096, 90.3, 0.01
+S, OWN, DAMPING = 4096, 90.3, 0.1
 RNG = np.random.default_rng(5)
 ORDER = np.arange(S // 2 + 1) / OWN
 GIVES = 1.0 / (1.0 - ORDER**2 + 2j * DAMPING * ORDER)  # place
@@ -42,3 +46,30 @@ def test_more_samples_apart_than_are_solved_for_directly_agree_with_those_that_a
     directly = along_tangent(GIVES, slope, left)
     monkeypatch.setattr("ident.sliding.MOST_DENSE", MOST_DENSE // 10)
     assert np.linalg.norm(along_tangent(GIVES, slope, left) - directly) < 5.0 * LEFT * np.linalg.norm(directly)
+
+
+@pytest.mark.parametrize(
+    ("level", "turns"), [(50.0, SOON), (0.3, TURNS)]
+)  # it sticks all the time; it slides in every swing
+def test_the_motion_is_that_which_friction_leaves(level: float, turns: int) -> None:
+    lines = np.arange(1, 400, 2)
+    scene: Any = SimpleNamespace(samples=S, lines=lines)
+    Y = RATE[lines]
+    pushed = np.array([1.0, 1j]) @ RNG.normal(size=(2, len(lines))) / (1.0 + (lines / 60.0) ** 2)
+    v0 = Y * pushed
+
+    def law(v: np.ndarray) -> np.ndarray:
+        return np.asarray(level * np.tanh(v / 1e-3))
+
+    def friction(where: Where) -> Callable[[np.ndarray], np.ndarray]:
+        return law
+
+    g = 0.5 / float(np.median(np.abs(Y)))
+    start = np.zeros(S)
+    _, _, (v, _) = in_turns(scene, friction, g, v0, Y, [start], turns)
+    spectrum, force = np.zeros((2, S // 2 + 1), dtype=complex)
+    spectrum[lines], force[:] = v0 * (S / 2), np.fft.rfft(law(v.astype(float)))
+    gives = np.append(np.zeros(1), Y[-1] * lines[-1] / np.arange(1, S // 2 + 1))
+    gives[lines] = Y
+    left = v - np.fft.irfft(spectrum - gives * force, S)
+    assert np.linalg.norm(left) < 1e-2 * np.linalg.norm(v)
