@@ -22,8 +22,8 @@ TURNS, MEMORY, SLID, BALANCES = 60, 8, 1e-4, 3
 SOON, EVENLY = 8, 0.5
 #: Share by which inner products of a turn with itself are lifted where turns are mixed.
 RIDGE = 1e-4
-#: Share by which turns change that are near to settle and do not; Newton's steps from there, shares of a step that are tried, what is
-#: left when they end; what of a slope is felt, samples at which it is solved for directly; what gmres leaves of more, and takes.
+#: Share by which turns change that are near to settle and do not; Newton's steps to a motion, shares of a step that are tried, what
+#: is left when they end; what of a slope is felt, samples at which it is solved for directly; what gmres leaves of more, and takes.
 NEARLY, CLOSER, SHARES, CLOSE = 0.1, 4, (1.0, 0.5, 0.25), 1e-4
 FELT, MOST_DENSE = 1e-3, 1200
 LEFT, KRYLOV, RESTARTS = 1e-2, 60, 4
@@ -96,15 +96,14 @@ def in_turns(
         v_lines[0] = 0.0  # a constant torque moves nothing for ever: what is needed is there
         return np.asarray(np.fft.irfft(force + g * v_lines, S) - w)
 
-    def step(change: Array, w: Array, evenly: bool) -> Array | None:
-        """Newton's step from w, which a turn changes so; none where friction does not give `evenly` all the time, if it is to."""
+    def step(w: Array, evenly: bool = False) -> Array | None:
+        """Newton's step from the w of the last turn; none where friction does not give `evenly` all the time, if it is to."""
         v = met.v
-        f = w - g * v
-        slope = _slope(friction(EVERYWHERE), v, friction(EVERYWHERE)(v))
+        slope = _slope(friction(EVERYWHERE), v)
         if evenly and np.ptp(slope) > EVENLY * np.abs(np.median(slope)):
             return None
-        moved = along_tangent(gives, slope, np.fft.irfft(alone - gives * np.fft.rfft(f), S) - v)
-        return (slope + g) * moved
+        left = np.fft.irfft(alone - gives * np.fft.rfft(w - g * v), S) - v
+        return (slope + g) * along_tangent(gives, slope, left)
 
     turned = [(turn(w), w) for w in starts]
     change, w = min(turned, key=lambda one: norm(one[0]) / (norm(one[0] + one[1]) + 1e-300))
@@ -112,26 +111,28 @@ def in_turns(
     enough = SLID * float(norm(w))
     w, left = _mixed(turn, w, min(turns, SOON), enough)
     if left > SLID:  # what sticks all the time is there in a step or two
-        w, left = _stepped(turn, lambda change, w: step(change, w, True), w, enough)
+        w, left = _stepped(turn, lambda _, w: step(w, evenly=True), w, enough)
     if left > SLID and turns > SOON:
         w, left = _mixed(turn, w, turns - SOON, enough)
         if left > SLID and turns >= TURNS:
-            w, left = _stepped(turn, lambda change, w: step(change, w, False), w, enough)
+            w, left = _stepped(turn, lambda _, w: step(w), w, enough)
     v, f = met.v, w - g * met.v
-    slope = _slope(
-        friction(EVERYWHERE), v, friction(EVERYWHERE)(v)
-    )  # not f: a tangent is narrower than what is missing
+    slope = _slope(friction(EVERYWHERE), v)
     there = Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S)
     return there, slope, (v.astype(np.float32), f.astype(np.float32))
 
 
 def _stepped(
-    turn: Callable[[Array], Array], step: Callable[[Array, Array], Array | None], w: Array, enough: float
+    turn: Callable[[Array], Array],
+    step: Callable[[Array, Array], Array | None],
+    w: Array,
+    enough: float,
+    most: int = OUTER,
 ) -> tuple[Array, float]:
     """Newton's steps from w [W], as `step` has them for what a turn changes there, until that is `enough` or falls no more; returns the w
     of the last turn, and the share by which that changes."""
     change = turn(w)
-    for _ in range(OUTER):
+    for _ in range(most):
         if not norm(change) > enough:
             break
         aside = step(change, w)
@@ -148,34 +149,17 @@ def _stepped(
     return w, float(norm(change) / (norm(w) + 1e-300))
 
 
-def closer(
-    friction: Callable[[Array], Array], alone: Array, gives: Complex, v: Array, slope: Array | None = None
-) -> tuple[Array, Array, Array]:
-    """Velocity [S], `friction` and its slope there, closer to where v = alone - gives friction(v), [S] and [S/2 + 1] by harmonics,
-    from v and `slope` near it: Newton's steps."""
+def closer(law: Callable[[Array], Array], alone: Array, gives: Complex, x: Array) -> tuple[Array, Array]:
+    """Motion x [S] and the force of a `law` there, closer to where x = alone - gives law(x), [S] and [S/2 + 1] by harmonics, from x near
+    it: Newton's steps."""
 
-    def yielded(force: Array) -> Array:
-        return np.fft.irfft(gives * np.fft.rfft(force), len(v))
+    def turn(x: Array) -> Array:
+        return alone - np.fft.irfft(gives * np.fft.rfft(law(x)), len(x)) - x
 
-    def missing(v: Array) -> tuple[Array, Array]:
-        force = friction(v)
-        return force, v - alone + yielded(force)
-
-    f, left = missing(v)
-    slope = _slope(friction, v, f) if slope is None else slope
-    for _ in range(CLOSER):
-        step = along_tangent(gives, slope, left)
-        for share in SHARES:
-            there = v - share * step
-            f_there, left_there = missing(there)
-            if norm(left_there) < (1.0 - 0.5 * share) * norm(left):
-                break
-        else:
-            break
-        v, f, left, slope = there, f_there, left_there, _slope(friction, there, f_there)
-        if norm(left) < CLOSE * norm(v):
-            break
-    return v, f, slope
+    x = _stepped(
+        turn, lambda change, x: along_tangent(gives, _slope(law, x), change), x, CLOSE * float(norm(x)), CLOSER
+    )[0]
+    return x, law(x)
 
 
 def settled(turn: Callable[[Array], Array], w: Array, turns: int) -> Array:
@@ -225,10 +209,10 @@ def along_tangent(gives: Complex, slope: Array, left: Array) -> Array:
     return alone - given(eased * gives, force)
 
 
-def _slope(friction: Callable[[Array], Array], v: Array, f: Array) -> Array:
-    """The slope of `friction` [S] at velocities v, where it is f."""
+def _slope(law: Callable[[Array], Array], v: Array) -> Array:
+    """The slope of a law [S] at v."""
     h = _tangent(v)
-    return (friction(v + h) - f) / h
+    return (law(v + h) - law(v)) / h
 
 
 def _tangent(v: Array) -> float:

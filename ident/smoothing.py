@@ -241,7 +241,7 @@ def _yielding(
         rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
         alone, gives = _by_instants(scene, port.x0, port.Y, rest, yields)
         step = scene.samples // len(alone)
-        _, against, _ = closer(lambda x: -force(x, 0.0 * x), alone, np.fft.rfft(gives), x[::step])
+        _, against = closer(lambda x: -force(x, 0.0 * x), alone, np.fft.rfft(gives), x[::step])
         periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[::step])
         return _likeliest(arm, key, on, best, chain([-against], islice(periods, PERIODS if march else 0))), None
     x, v = port.moves(there)

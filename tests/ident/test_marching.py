@@ -71,7 +71,7 @@ def test_newtons_steps_find_the_motion_of_a_spring_that_stiffens() -> None:
         line = 0.7 * line + 0.3 * float(law(v) @ v / (v @ v))
         v = np.fft.irfft(np.fft.rfft(alone) * softer / (softer + line), S)
     assert line > 0.5 * K
-    x, force, _ = closer(law, alone, -np.fft.rfft(gives), v)
+    x, force = closer(law, alone, -np.fft.rfft(gives), v)
     assert left(law, alone, gives, v) > 0.1 and left(law, alone, gives, x) < 1e-4
     *_, repeated = islice(marched(alone, gives, law, alone, np.zeros(S)), 25)
     assert np.std(force - repeated) < 1e-3 * np.std(force)
