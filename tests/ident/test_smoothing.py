@@ -17,7 +17,7 @@ from ident.arm_model import Posture
 from ident.bench import design, head, run
 from ident.coupled import declared_start, problem_of
 from ident.effects.base import Effect
-from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorStribeck
+from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.hysteresis import SpringHysteresis
 from ident.effects.spring import Backlash, SpringHardening
 from ident.evidence import evidence, gravity_basis
@@ -34,17 +34,19 @@ CHAIN = chain_of_robot(ROBOT)
 MODEL = make_model(CHAIN, believe_zeros=True)
 
 
-def levels(effect: Effect, joint: str, posture: tuple[float, ...]) -> tuple[float, float]:
-    """chi^2 per degree of freedom of the true arm in one record: with the law of the measured motion, and of the smoothed one."""
-    (job,) = design(CHAIN, ROBOT, [(joint, posture)], seed=4, effects=[effect])
+def levels(effect: Effect, joint: str, posture: tuple[float, ...], *besides: Effect) -> tuple[float, float]:
+    """chi^2 per degree of freedom of the true arm in one record: with the laws of the measured motion, and of the smoothed one."""
+    effects = (effect, *besides)
+    (job,) = design(CHAIN, ROBOT, [(joint, posture)], seed=4, effects=effects)
     campaign = head(CHAIN, ROBOT, (run(job),))
     basis = gravity_basis(MODEL, campaign.gravity)
     frf = estimate(campaign.records[0], campaign)
     data = (evidence(campaign, MODEL, basis, frf, 0, "every"),)
     start = declared_start(campaign, MODEL, (frf,), basis)
-    scales, limits = tuple(map(abs, effect.values)), ((-np.inf, np.inf),) * len(effect.values)
-    problem = problem_of(campaign, MODEL, basis, data, start, (effect,), scales, limits)
-    vector = np.concatenate([start.vector(), effect.values])
+    values = [value for one in effects for value in one.values]
+    scales, limits = tuple(map(abs, values)), ((-np.inf, np.inf),) * len(values)
+    problem = problem_of(campaign, MODEL, basis, data, start, effects, scales, limits)
+    vector = np.concatenate([start.vector(), values])
     found = []
     for turns in (0, TURNS):
         tried = replace(problem, turns=turns)
@@ -73,6 +75,10 @@ def test_true_parameters_explain_a_record_with_the_motion_they_make(
     by_measured, by_smoothed = levels(effect, joint, (0.0, 0.4, 0.8))
     assert by_smoothed < smoothed
     assert by_measured > measured
+
+
+def test_what_drags_beside_what_rubs_is_of_the_motion_that_both_leave() -> None:
+    assert levels(MotorCoulomb(1, (3e-2,)), "joint2", (0.0, 0.4, 0.8), MotorQuadraticDrag(1, (2e-3,)))[1] < 1.1
 
 
 def test_a_law_of_velocity_settles_by_the_best_line_through_velocity() -> None:
