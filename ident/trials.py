@@ -159,14 +159,12 @@ def _from_fitted(
 
 
 def _besides(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
-    """Laws beside the dry friction of a model, curves if no name is it, fitted until they settle: each changes the motion that the
-    other is of by little."""
+    """Laws beside the dry friction of a model, curves if no name is it, fitted until both settle."""
     tried: list[Tried] = []
     for likely in besides(lin, state.effects):
         if not bench.late and all(left_by(one) > HALF * state.select for one in tried):
-            refits = [_with(bench, state, c, lin) for c in likely]
-            fine = [replace(one, outer=FULLY, roughly=FINELY) for one in refits]
-            tried += zip(likely, all_fitted(bench, fine), strict=True)
+            refits = [replace(_with(bench, state, c, lin), outer=FULLY, roughly=FINELY) for c in likely]
+            tried += zip(likely, all_fitted(bench, refits), strict=True)
     for _, new in tried:
         progress(f"  beside what rubs, {told(new.effects[-1])}: {excess(bench, new):.4g}")
     return tried
