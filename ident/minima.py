@@ -169,13 +169,15 @@ def _carrying_as_shown(bench: Bench, state: State) -> State:
 
 def _plausible(state: State) -> list[Array]:
     """The values of all effects, those of the last, which carries links, anew: stiffnesses half and twice, or of several the stiffer
-    ones as the least and a few times that, frequencies as is usual; links as declared."""
+    ones as the least and a few times that, frequencies as is usual; links as declared. None of what has no stiffness."""
     last = state.effects[-1]
     before = [value for effect in state.effects[:-1] for value in effect.values]
     values = np.where([p.aside for p in last.parameters], 0.0, last.values)
     own = [k for k, p in enumerate(last.parameters) if p.unit == "Hz"]
     usual = np.array([last.parameters[k].sizes[0] for k in own])
-    stiff = np.array(_stiffnesses(last))
+    stiff = np.array(_stiffnesses(last), dtype=int)
+    if not len(stiff):
+        return []
     least = values[stiff].min()
     if len(stiff) > 1:
         resized, factors = stiff[values[stiff] > least], STIFFER_THAN

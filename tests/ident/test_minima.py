@@ -11,7 +11,9 @@ import pytest
 import ident.minima
 import ident.refits
 from ident.descent import Minimum
-from ident.minima import _closely, afresh
+from ident.effects.declared import GravityStiffness
+from ident.effects.structure import BaseCompliance
+from ident.minima import _closely, _plausible, afresh
 from ident.refits import FAINTLY, FINELY, Refit, fitted
 
 BENCH: Any = SimpleNamespace(late=False)
@@ -90,3 +92,11 @@ def test_an_arm_fitted_afresh_that_comes_back_is_not_fitted_closely(
     state: Any = SimpleNamespace(select=1.5, roughly=FAINTLY, effects=(None,))
     found = afresh(BENCH, state, lambda line: None)
     assert found.select == pytest.approx(ends) and len(made) == fits
+
+
+def test_what_carries_links_is_told_anew_by_its_stiffnesses_if_it_has_any() -> None:
+    """A base that is tilted carries the links, too, and has none."""
+    tilted: Any = SimpleNamespace(effects=(GravityStiffness(None, (0.0, 0.1, 0.0)),))
+    assert _plausible(tilted) == []
+    soft: Any = SimpleNamespace(effects=(BaseCompliance(None, (3e5, 1e6, 60.0, 1e-3)),))
+    assert {tuple(values[:2]) for values in _plausible(soft)} == {(3e5, 3e5), (3e5, 12e5)}
