@@ -11,7 +11,7 @@ import numpy as np
 from ident.candidates import Candidate, best_of, smallest
 from ident.choice import Tried, is_curve, left_by
 from ident.curves import curve_of
-from ident.effects.base import Effect, PortLaw
+from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motor import TorqueScale
 from ident.minima import creeping_like, crept, told
@@ -57,16 +57,11 @@ def besides(lin: Linearised, effects: Sequence[Effect]) -> tuple[list[Candidate]
     names, curves = [], []
     for port, joint in {(e.port, e.joint): None for e in effects if e.dry}:
         assert joint is not None
-        kinds = [k for k in CATALOGUE.values() if k.port == port and issubclass(k, PortLaw) and _drags(k)]
+        kinds = [k for k in CATALOGUE.values() if k.port == port and k.drags]
         names += [smallest(lin, kind, joint) for kind in kinds]
         curves += [c for c in [curve_of(lin, port, joint, "velocity")] if c is not None]
     new = [[c for c in found if all(not same(c.effect, e) for e in effects)] for found in (names, curves)]
     return new[0], new[1]
-
-
-def _drags(kind: type[PortLaw]) -> bool:
-    """Whether a law is against the velocity at its port, by a number that is told by seconds, and is not dry."""
-    return not kind.dry and any("s" in p.unit for p in kind.parameters)
 
 
 def _likewise(one: State, other: State) -> list[Refit]:

@@ -76,9 +76,8 @@ def fully(bench: Bench, state: State) -> State:
         state = lowest(bench, starts)
         if excess(bench, state) > BY_ALL:  # on declared links nothing is the lowest
             state = _carrying(bench, state)
-        if excess(bench, state) > NAMED and not isinstance(
-            state.effects[-1], Carrying
-        ):  # springs behind each other may have changed places
+        carries = isinstance(state.effects[-1], Carrying)
+        if excess(bench, state) > NAMED and not carries:  # springs behind each other may have changed places
             declared = replace(state, minimum=replace(state.minimum, vector=as_declared(bench, state)))
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
             state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)

@@ -82,7 +82,7 @@ def _smoothed(
             ]
             springs = [law for law in here if not law.linear]
             rubs = any(law.dry for law in here)
-            dry = [law for law in springs if law.dry or _drags(law, motion)] if rubs else []
+            dry = [law for law in springs if law.dry or law.drags] if rubs else []
             springs = [] if rubs else springs
             others = [e for e in effects if e not in dry and e not in springs]
             on = on | {key: _of(signals(arm.scene, others, motion), key, arm.scene)}
@@ -108,16 +108,6 @@ def _smoothed(
         springy={(port, k): motion.at(port, int(scene.arm.live[k]))[0] for port, k in springy},
         rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing}, slid=slid,
     )  # fmt: skip
-
-
-def _drags(law: PeriodicLaw, motion: Motion) -> bool:
-    """Whether a law of the moment is nothing at rest, and against the velocity as its port moves."""
-    if not isinstance(law, Law) or law.joint is None:
-        return False
-    state = motion.state(law.joint)
-    position, velocity = state.at(law.port)
-    still = np.asarray(law.law(state.moved(law.port, position, 0.0 * velocity)))
-    return not still.any() and bool(np.all(np.asarray(law.law(state)) * velocity <= 0.0))
 
 
 def _of(found: Mapping[Key, Array], key: Key, scene: Scene) -> Force:

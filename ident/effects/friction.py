@@ -52,7 +52,7 @@ class MotorStribeck(Law):
 class MotorQuadraticDrag(Law):
     """Churning oil, a fan: drag with the square of the speed."""
 
-    name, port = "motor-quadratic-drag", "motor"
+    name, port, drags = "motor-quadratic-drag", "motor", True
     parameters = (Parameter("drag", "Nms2/rad2", 0.0, 1.0, (0.05,), linear=True, relative="torque/rate^2"),)
 
     def law(self, at: State) -> Any:
@@ -85,7 +85,7 @@ class LinkCoulomb(Law):
 class LinkViscous(Law):
     """Viscous friction of the output bearing."""
 
-    name, port, linear = "link-viscous", "link", True
+    name, port, linear, drags = "link-viscous", "link", True, True
     parameters = (Parameter("damping", "Nms/rad", 0.0, 10.0, (0.1, 0.02), linear=True, relative="torque/rate"),)
 
     def law(self, at: State) -> Any:
