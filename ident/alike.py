@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from ident.campaign import Array
-from ident.candidates import ORDERS, Candidate, bounds, only_size, units
+from ident.candidates import ORDERS, Candidate, bounds, larger, only_size, units
 from ident.effects.base import Effect, PeriodicLaw
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import Motion
@@ -25,6 +25,8 @@ from ident.trace import Linearised
 #: Samples of a record by which forces are compared; share of what a straight line leaves of a curve's force that a name may leave, and
 #: names that are tried.
 SAMPLES, LIKE, MOST = 256, 0.1, 2
+#: Times the force of the curve that a name begins with, too: near a resonance a law that is too strong has the arm move in another way.
+WEAKER = 0.8
 #: The least share of itself that a stiffness or damping has which takes over the straight line of a curve's force.
 LEAST = 0.1
 
@@ -40,16 +42,16 @@ def names_alike(state: State) -> tuple[State, list[tuple[Candidate, Linearised]]
     plain = replace(state, effects=less.effects, scales=less.scales, limits=less.limits)
     drawn, problem = Drawn.of(lin, curve), replace(state.problem, effects=less.effects)
     found = (drawn.by(effect, unit) for effect, unit in _likely(lin, curve))
-    best: dict[str, tuple[float, Effect, Array]] = {}
+    best: dict[str, tuple[float, Effect]] = {}
     for one in sorted((one for one in found if one is not None and one[0] < LIKE), key=lambda one: one[0]):
         best.setdefault(one[1].name, one)
     tried = []
-    for share, effect, slopes in list(best.values())[:MOST]:
-        scales = tuple(max(abs(v), TINY) for v in effect.values)
-        vector = _with_slopes(state, less.vector, curve, slopes)
-        tried.append(
-            (Candidate(effect, (1.0 - share) * lin.chi2, scales), replace(lin, problem=problem, vector=vector))
-        )
+    for share, as_drawn in list(best.values())[:MOST]:
+        scales = tuple(max(abs(v), TINY) for v in as_drawn.values)
+        for effect in (as_drawn, larger(Candidate(as_drawn, 0.0, scales), WEAKER).effect):
+            vector = _with_slopes(state, less.vector, curve, drawn.slopes_beside(effect))
+            candidate = Candidate(effect, (1.0 - share) * lin.chi2, scales)
+            tried.append((candidate, replace(lin, problem=problem, vector=vector)))
     return plain, tried
 
 
@@ -89,9 +91,9 @@ class Drawn:
         """The squares that straight lines alone leave of the force."""
         return _best(self.straight, self.force)[1]
 
-    def by(self, effect: Effect, unit: Units) -> tuple[float, Effect, Array] | None:
-        """The law as large as it has the force best, beside straight lines of position and rate; the share that it leaves of what these
-        alone leave, and their slopes [2]. None where it can not."""
+    def by(self, effect: Effect, unit: Units) -> tuple[float, Effect] | None:
+        """The law as large as it has the force best, beside straight lines of position and rate; and the share that it leaves of what
+        these alone leave. None where it can not."""
         names = [p.name for p in effect.parameters]
         sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None]
         if not all(effect.parameters[k].linear for k in sizes):
@@ -110,7 +112,11 @@ class Drawn:
         limits = [bounds(p, u) for p, u in zip(effect.parameters, unit, strict=True)]
         if not all(low <= v <= high for v, (low, high) in zip(values, limits, strict=True)):
             return None
-        return left / max(self.alone, 1e-300), effect.with_values(values), found[-2:]
+        return left / max(self.alone, 1e-300), effect.with_values(values)
+
+    def slopes_beside(self, effect: Effect) -> Array:
+        """The slopes [2] of the straight lines of position and rate that are best beside a law as it is."""
+        return _best(self.straight, self.force - _forces(self.motions, effect))[0]
 
 
 def _best(X: Array, force: Array) -> tuple[Array, float]:

@@ -34,6 +34,8 @@ from ident.scene import known
 
 #: Fall of chi^2 on the records that chose it with which an effect, or another place, is no matter of noise.
 LEAST_GAIN = 40.0
+#: Times that motions are found for a candidate whose force follows from them.
+WOUND = 3
 #: Share of itself to which a fit makes chi^2 fall that goes on.
 FALLING = 0.8
 #: Sizes, of what it is, from where what forces is tried again.
@@ -84,7 +86,7 @@ def fully(bench: Bench, state: State) -> State:
     state = _closely(bench, Refit.of(state), excess(bench, state))
     if by_curve or bench.late or excess(bench, state) <= NAMED:
         return state
-    for more in (_carrying, crept):
+    for more in (_doubted, _carrying, crept):
         state = _closely_if_new(bench, state, more(bench, state))
     return state
 
@@ -92,6 +94,13 @@ def fully(bench: Bench, state: State) -> State:
 def _closely_if_new(bench: Bench, state: State, new: State) -> State:
     """The model, or what it became, at its minimum."""
     return state if new is state else _closely(bench, Refit.of(new), excess(bench, new))
+
+
+def _doubted(bench: Bench, state: State) -> State:
+    """The model, or one found while it was doubted, if that leaves much less: a constant whose resonance has to pass one of the lowest
+    lines, as that of gravity may, is held by this line alone otherwise."""
+    new = fitted(bench, replace(Refit.of(state), outer=1, roughly=HASTILY, doubts=DOUBTS[-1:]))
+    return new if new.select < FALLING * state.select else state
 
 
 def _bending(bench: Bench, state: State) -> State:

@@ -14,7 +14,7 @@ from ident.curves import curves, responses, wave
 from ident.effects.base import Effect, has_forces, only_forces, only_impedance, overrides
 from ident.effects.catalogue import CATALOGUE
 from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
-from ident.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
+from ident.minima import LEAST_GAIN, WOUND, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
 from ident.parts import degrees
 from ident.refits import (
     CLOSE,
@@ -245,8 +245,8 @@ def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> 
     unit = units(lin, type(candidate.effect), candidate.effect.joint)
     limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
     return Refit(
-        np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect),
-        state.scales + candidate.scales, state.limits + limits, 1, HASTILY, slid=state.minimum.slid,
+        np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect), state.scales + candidate.scales,
+        state.limits + limits, WOUND if winds_up(candidate.effect) else 1, HASTILY, slid=state.minimum.slid,
     )  # fmt: skip
 
 
