@@ -80,6 +80,8 @@ def pruned(
         if by_curve and not outdone(old, added):
             continue  # a curve can play any law of its variable: it takes no name away
         less = without(bench, state, old)
+        if excess(bench, less) <= CLOSE and less.select >= state.select + LEAST_GAIN:
+            less = fully(bench, less)
         if less.select < state.select + LEAST_GAIN:
             progress(f"  without {told(old)} as well: {excess(bench, less):.4g}")
             state = less
