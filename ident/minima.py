@@ -99,6 +99,8 @@ def _closely_if_new(bench: Bench, state: State, new: State) -> State:
 def _doubted(bench: Bench, state: State) -> State:
     """The model, or one found while it was doubted, if that leaves much less: a constant whose resonance has to pass one of the lowest
     lines, as that of gravity may, is held by this line alone otherwise."""
+    if excess(bench, state) > BY_ALL:  # more is missing
+        return state
     new = fitted(bench, replace(Refit.of(state), outer=1, roughly=HASTILY, doubts=DOUBTS[-1:]))
     return new if new.select < FALLING * state.select else state
 
