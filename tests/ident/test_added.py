@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ident.added
-from ident.added import Added, exchanged
+from ident.added import Added, exchanged, pruned
 from ident.diagnose import _better
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorStribeck
@@ -86,6 +86,25 @@ def test_beside_a_curve_a_name_is_exchanged_only_for_one_that_leaves_hardly_anyt
     added = [entry(DELAY, state(900.0, LAG)), entry(curve)]
     best, _ = exchanged(BENCH, state(750.0, DELAY, curve), added, lambda line: None)
     assert best.effects == ((LAG, curve) if taken else (DELAY, curve))
+
+
+@pytest.mark.parametrize(
+    ("finely", "closely", "kept"),
+    [
+        (1.5, 0.9, False),  # the name that came later explains all, once it is at its minimum
+        (1.5, 1.4, True),
+        (70.0, 0.9, True),  # much is missing without it: not asked again
+    ],
+)
+def test_what_came_first_is_left_out_by_what_is_left_without_it_at_the_minimum(
+    finely: float, closely: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    curve = learned("motor", "position", [-1.0, 1.0])(2, (0.1, -0.1))
+    monkeypatch.setattr(ident.added, "without", lambda bench, one, old: state(finely, DRY))
+    monkeypatch.setattr(ident.added, "fully", lambda bench, one: state(closely, *one.effects))
+    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    best, _ = pruned(BENCH, state(0.9, curve, DRY), [entry(curve), entry(DRY)], lambda line: None)
+    assert best.effects == ((curve, DRY) if kept else (DRY,))
 
 
 def test_the_arm_without_effects_is_the_one_that_was_fitted_best() -> None:

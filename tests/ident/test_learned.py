@@ -289,6 +289,8 @@ def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tu
     plain, likely = names_alike(state)
     assert plain.effects == () and likely[0][0].effect.name == law[0]
     assert likely[0][0].effect.values == pytest.approx(law[1:], rel=0.3)
+    weaker = likely[1][0].effect
+    assert weaker.name == law[0] and weaker.values[0] == pytest.approx(0.8 * likely[0][0].effect.values[0])
     ((_, found),) = refitted(bench(*law), plain, likely[:1], lambda line: None)
     assert excess(bench(*law), fully(bench(*law), found)) < 1.1
 

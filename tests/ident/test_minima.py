@@ -13,7 +13,7 @@ import ident.refits
 from ident.descent import Minimum
 from ident.effects.declared import GravityStiffness
 from ident.effects.structure import BaseCompliance
-from ident.minima import _closely, _plausible, afresh
+from ident.minima import _closely, _doubted, _plausible, afresh
 from ident.refits import FAINTLY, FINELY, Refit, fitted
 
 BENCH: Any = SimpleNamespace(late=False)
@@ -92,6 +92,32 @@ def test_an_arm_fitted_afresh_that_comes_back_is_not_fitted_closely(
     state: Any = SimpleNamespace(select=1.5, roughly=FAINTLY, effects=(None,))
     found = afresh(BENCH, state, lambda line: None)
     assert found.select == pytest.approx(ends) and len(made) == fits
+
+
+@pytest.mark.parametrize(
+    ("left", "doubted", "ends"),
+    [
+        (1.97, 1.15, 1.15),  # gravity was on the wrong side of a pole at the lowest line
+        (1.97, 1.90, 1.97),  # nothing held it
+        (70.0, 1.0, 70.0),  # more is missing: not asked
+    ],
+)
+def test_what_a_line_may_hold_is_found_while_the_model_is_doubted(
+    left: float, doubted: float, ends: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not from the model as it would be: with errors of a tenth of every angle, first."""
+    asked = []
+
+    def fit(bench: Any, refit: Any) -> Any:
+        asked.append(refit.doubts)
+        return SimpleNamespace(select=doubted)
+
+    monkeypatch.setattr(ident.minima, "fitted", fit)
+    monkeypatch.setattr(ident.minima, "excess", lambda bench, state: state.select)
+    monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
+    state: Any = SimpleNamespace(select=left)
+    assert _doubted(BENCH, state).select == ends
+    assert asked == ([(0.1,)] if left < 10.0 else [])
 
 
 def test_what_carries_links_is_told_anew_by_its_stiffnesses_if_it_has_any() -> None:
