@@ -53,17 +53,18 @@ _AT_ONCE = 8
 
 @dataclass(frozen=True)
 class _Work:
-    """Rounds of the search for the bound before that for the plan, and beside it."""
+    """Rounds of the search for the bound before that for the plan, and beside it; whether its end is kicked on."""
 
     rounds: int
     beside: int
     search: Search
+    kicked: bool = False
 
 
 _WORK = {
     "draft": _Work(3, 0, Search(3, 1, 0, 1, 0)),
     "quick": _Work(12, 18, Search(12, 3, 30, 1, 10)),
-    "full": _Work(40, 0, Search(40, 8, 60, 4, 16)),
+    "full": _Work(40, 0, Search(40, 8, 60, 4, 16), kicked=True),
 }
 
 
@@ -161,7 +162,7 @@ def plan(
     else:
         with _shared(alone, min(WORKERS, work.search.finalists)) as better:
             cells = found(better)
-        if d_efficiency(rows.of_cells(cells), best.log_det_bound) < ENOUGH:
+        if work.kicked and d_efficiency(rows.of_cells(cells), best.log_det_bound) < ENOUGH:
             by_det = Merit(rows, POWER)
             with _shared(bettering(rows, by_det, holding), min(WORKERS, work.search.finalists)) as better:
                 cells = enough(rows, by_det, cells, best, better)

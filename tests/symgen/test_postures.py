@@ -7,6 +7,7 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -167,10 +168,14 @@ def test_a_plan_is_a_good_one_and_certified(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_a_draft_determines_all_at_little_more_error(name: str) -> None:
-    design = designed(name, "draft")
-    assert design.amplification.max() <= (1.35 if name == "panda" else 1.5)
+def test_a_draft_determines_all_at_little_more_error_in_a_moment(name: str) -> None:
+    found = factored(name)
+    began = process_time()
+    design = plan(found, found, effort="draft")
+    seconds = process_time() - began
+    assert design.amplification.max() <= 1.35
     assert design.d_efficiency < designed(name).d_efficiency
+    assert seconds < 1.5  # 0.1 to 0.2 on a core of today; a quick plan takes ten times that, a full one a hundred times
 
 
 def test_a_full_plan_is_certified() -> None:
