@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from ident.bench import simulate
+from ident.campaign import Campaign
 from ident.candidates import best_of
 from ident.diagnose import Begun, begin
 from ident.effects.creeping import Creeping, creeping
@@ -43,13 +44,17 @@ def test_a_law_that_creeps_is_the_same_law_of_another_speed_near_standstill() ->
 
 
 @cache
-def begun(until: float = np.inf) -> Begun:
+def measured() -> Campaign:
     """Records of an arm with friction in its second joint, which sticks while others are excited."""
     effect = creeping(MotorCoulomb(JOINT, (LEVEL,)), DECADES)
     cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells]
-    campaign = simulate(chain_of_robot(SHORT), SHORT, cells, effects=[effect], seed=4, workers=1)
-    responses = tuple(estimate(record, campaign) for record in campaign.records)
-    return begin(campaign, make_model(chain_of_robot(SHORT), believe_zeros=True), responses, until=until)
+    return simulate(chain_of_robot(SHORT), SHORT, cells, effects=[effect], seed=4, workers=1)
+
+
+@cache
+def begun(until: float = np.inf) -> Begun:
+    responses = tuple(estimate(record, measured()) for record in measured().records)
+    return begin(measured(), make_model(chain_of_robot(SHORT), believe_zeros=True), responses, until=until)
 
 
 def test_friction_is_sized_by_records_in_which_its_joint_slides() -> None:
