@@ -6,7 +6,7 @@ joint is found with the motion that it stops, followed within the step: a dry co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from math import ceil, floor
 
@@ -108,22 +108,22 @@ class Machine:
         if not (self._lines or self._ports or self._driven or self._moments):
             mujoco.mj_step(model, data, self._steps)
         else:
-            mean, further = np.zeros(len(direct)), np.zeros((1, model.nv))
+            mean = [0.0] * len(direct)
             for j in range(self._steps):
+                short = []
                 if self._lines:
-                    short = np.zeros(model.nv)
                     for k, line in self._lines:
-                        torque, short[self._live[k].motor] = line.over(j)
+                        torque, missing = line.over(j)
                         direct[k] = torque + disturbance[k]
-                        short[self._live[k].motor] *= self._live[k].drive.N
+                        if missing:
+                            short.append((k, missing))
                     data.ctrl[:] = direct
-                    mean += data.ctrl
+                    mean = [a + b for a, b in zip(mean, direct, strict=True)]
                 self._step(j)
-                if self._lines and short.any():
-                    mujoco.mj_solveM(model, data, further, short[None])
-                    data.qpos[:] += further[0]
+                if short:
+                    self._make_up((self._live[k].motor, missing * self._live[k].drive.N) for k, missing in short)
             if self._lines:
-                away[2 * model.nv :] = mean / self._steps - self._ctrl
+                away[2 * model.nv :] = np.array(mean) / self._steps - self._ctrl
         if self._lacking is not None:
             missing = self._lacking @ away
             data.qpos[:] += missing[: model.nv]
@@ -135,8 +135,11 @@ class Machine:
         if self._ports or self._driven:
             self._push()
         mujoco.mj_step(model, data)
-        if any(port.ahead for port in self._ports):
-            self._catch_up()
+        if self._ports and any(port.ahead for port in self._ports):
+            ahead = [port.ahead / self._W[k][k] for k, port in enumerate(self._ports)]
+            self._make_up(
+                (dof, factor * far) for far, port in zip(ahead, self._ports, strict=True) for dof, factor in port.push
+            )
         if before:
             here = [moment for moment in self._moments if moment[3] == j]
             for (k, _, part, _), (x, v) in zip(here, before, strict=True):
@@ -177,13 +180,12 @@ class Machine:
                     applied[dof] += factor * port_.F
         data.qfrc_applied[:] = applied
 
-    def _catch_up(self) -> None:
-        """Takes ports to where a torque that is not even over the step has brought them."""
-        push, further = np.zeros(self._model.nv), np.zeros((1, self._model.nv))
-        for k, port in enumerate(self._ports):
-            for dof, factor in port.push:
-                push[dof] += factor * port.ahead / self._W[k][k]
-        mujoco.mj_solveM(self._model, self._data, further, push[None])
+    def _make_up(self, missing: Iterable[tuple[int, float]]) -> None:
+        """Takes the arm to where forces that are not even over the step have brought it: (degree of freedom, N m s2 too little)."""
+        push, further = np.zeros((1, self._model.nv)), np.zeros((1, self._model.nv))
+        for dof, impulse in missing:
+            push[0, dof] += impulse
+        mujoco.mj_solveM(self._model, self._data, further, push)
         self._data.qpos[:] += further[0]
 
     def _half_way(self, x: list[float], v: list[float], a: list[float]) -> None:
