@@ -110,7 +110,7 @@ class Machine:
         else:
             mean = [0.0] * len(direct)
             for j in range(self._steps):
-                short = []
+                short: list[tuple[int, float]] = []
                 if self._lines:
                     for k, line in self._lines:
                         torque, missing = line.over(j)
@@ -125,9 +125,9 @@ class Machine:
             if self._lines:
                 away[2 * model.nv :] = np.array(mean) / self._steps - self._ctrl
         if self._lacking is not None:
-            missing = self._lacking @ away
-            data.qpos[:] += missing[: model.nv]
-            data.qvel[:] += missing[model.nv :]
+            lacking = self._lacking @ away
+            data.qpos[:] += lacking[: model.nv]
+            data.qvel[:] += lacking[model.nv :]
 
     def _step(self, j: int) -> None:
         data, model = self._data, self._model

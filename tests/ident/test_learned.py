@@ -278,8 +278,10 @@ def test_friction_that_is_lost_with_speed_is_drawn_with_the_motion_that_it_leave
 
 @pytest.mark.parametrize(
     ("law", "port"),
-    [(("spring-hardening", 1e7), "spring"), (("torque-ripple", 2e-3, 4.0, 0.5), "motor")],
-    ids=["hardening", "ripple"],
+    [
+        pytest.param(("spring-hardening", 1e7), "spring", id="hardening"),
+        pytest.param(("torque-ripple", 2e-3, 4.0, 0.5), "motor", id="ripple", marks=pytest.mark.bench),
+    ],
 )
 def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tuple[Any, ...], port: str) -> None:
     """From the arm that was found with the curve, which is not bent."""

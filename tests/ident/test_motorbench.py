@@ -64,6 +64,7 @@ def test_the_campaign_fits_and_the_second_encoder_agrees(found: Imported, tmp_pa
         assert fit.f_AR == pytest.approx(frf.frequencies[np.argmin(np.abs(frf.G) * frf.frequencies**2)], rel=0.03)
 
 
+@pytest.mark.bench
 def test_what_the_bench_lacks_is_named(found: Imported) -> None:
     """A delay of about 0.1 ms, then the load's own damping; reported on parts of the other record, which neither fitted nor chose."""
     model = model_of_urdf(found.campaign.urdf, found.campaign.joints, believe_zeros=True)
