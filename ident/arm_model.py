@@ -22,7 +22,7 @@ from ident.frf import Complex
 ALIAS_ACCURACY, SLOPE_ACCURACY, CONVERGES, MOST_NEAR, NEAR_SLOPES = 1e-9, 1e-5, 2.5, 16, 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Parameters:
     """An arm: K [N m/rad, joint side], J_m [kg m2], D [N m s/rad] motor side, D_spring [N m s/rad, joint side], each [n];
     alpha [D] constants of J(q), gravity [r] those of the gravity stiffness."""
@@ -46,7 +46,7 @@ class Parameters:
         return Parameters(K, J_m, D_motor, D_spring, vector[4 * n : 4 * n + D], vector[4 * n + D :])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Posture:
     """What an arm is at one posture, `live` joints [m] only: the others are clamped, motor and link.
 
@@ -161,10 +161,12 @@ def _held(
     held = tau * hold_gain(s, sampling.fs)[:, None, None]
     risen = held * s[:, None, None]
     theta, derivatives = _continuous(arm, p, s, held, derive, extra)
-    near, powers, slopes = _by_powers(arm, p, sampling, derive)
+    told = _by_powers(arm, p, sampling.fs, float(sampling.f.max()), sampling.near)
+    near, powers = told.near, told.powers
     sums = _sums(sampling.f.tobytes(), sampling.fs, near, len(powers))
     H = (sums @ powers.reshape(len(powers), -1)).reshape(-1, m, m)
     if derive:
+        slopes = _slopes_by_powers(arm, p, told)
         spread = (sums[:, : len(slopes) // m, None] * risen[:, None, :, 0]).reshape(len(s), -1)
         derivatives = derivatives + (spread.real @ slopes + 1j * (spread.imag @ slopes)).reshape(derivatives.shape)
     if extra.folded is not None:
@@ -190,9 +192,25 @@ def _sums(f: bytes, fs: float, near: int, count: int) -> Complex:
     return np.asarray(both / (2j * np.pi * fs) ** n)
 
 
-def _by_powers(arm: Posture, p: Parameters, sampling: Sampling, derive: bool) -> tuple[int, Array, Array]:
-    """Returns how many aliases on each side are too near to the poles to be told by powers of 1/s; the response [k, m, m] to torques
-    by such powers, from s^-2 on; and its derivatives [k m, m P]: rows are powers and torques.
+@dataclass(frozen=True, eq=False)
+class _Powers:
+    """An arm's response to torques by powers of 1/s: `b` [2 + k, 2m, m] of (theta / N, q), from s^0 on, `sloped` of which from s^-2 on
+    suffice for derivatives; `near` aliases on each side are too near to the poles for that. Accelerations by forces, `mobility`,
+    by places and by rates [2m, 2m]."""
+
+    near: int
+    b: Array
+    powers: Array
+    sloped: int
+    mobility: Array
+    by_place: Array
+    by_rate: Array
+
+
+@lru_cache(maxsize=4)  # where an effect alone is changed, the arm stays as it is
+def _by_powers(arm: Posture, p: Parameters, fs: float, top: float, most: int) -> _Powers:
+    """Of the arm sampled at `fs` [Hz], at lines up to `top` [Hz]; at most `most` aliases on each side are near. `powers` [k, m, m] are
+    its measured angles from s^-2 on.
 
     M x'' + D x' + K x = N tau with x = sum_j b_j s^-j: M b_j + D b_(j-1) + K b_(j-2) is N for j = 2, else nothing.
     """
@@ -208,20 +226,22 @@ def _by_powers(arm: Posture, p: Parameters, sampling: Sampling, derive: bool) ->
     beyond_numbers = not np.isfinite(generator).all()  # then so is the response
     poles = np.inf if beyond_numbers else np.abs(np.linalg.eigvals(generator)).max() / (2.0 * np.pi)
 
-    top = float(sampling.f.max())
-    near = int(np.clip(np.ceil((CONVERGES * poles + top) / sampling.fs) - 1, 0, sampling.near))
-    ratio = poles / ((near + 1) * sampling.fs - top)
+    near = int(np.clip(np.ceil((CONVERGES * poles + top) / fs) - 1, 0, most))
+    ratio = poles / ((near + 1) * fs - top)
     count, sloped = (1 if CONVERGES * ratio > 1.0 else 1 + int(np.ceil(np.log(accuracy) / np.log(ratio)))
                      for accuracy in (ALIAS_ACCURACY, SLOPE_ACCURACY))  # fmt: skip
     b = np.zeros((2 + count, 2 * m, m))
     b[2] = mobility[:, :m] * N
     for j in range(3, 2 + count):
         b[j] = -by_rate @ b[j - 1] - by_place @ b[j - 2]
-    powers = N[:, None] * b[2:, :m]
-    if not derive:
-        return near, powers, np.zeros((0, 0))
+    return _Powers(near, b, N[:, None] * b[2:, :m], sloped, mobility, by_place, by_rate)
 
-    b = b[: 2 + sloped]
+
+def _slopes_by_powers(arm: Posture, p: Parameters, told: _Powers) -> Array:
+    """The derivatives [k m, m P] of the `powers`: rows are powers and torques."""
+    live, N, m, sloped = arm.live, arm.N, len(arm.live), told.sloped
+    K, J_m, D, D_spring = (values[live] for values in (p.K, p.J_m, p.D, p.D_spring))
+    b = told.b[: 2 + sloped]
     x, rate, place, i = b[2:], b[1:-1], b[:-2], np.arange(m)
     alphas = 4 * m + arm.J_rows.shape[2]
     forces = np.zeros((2 + sloped, 2 * m, alphas + arm.K_rows.shape[2], m))  # M' b_j + D' b_(j-1) + K' b_(j-2)
@@ -232,11 +252,11 @@ def _by_powers(arm: Posture, p: Parameters, sampling: Sampling, derive: bool) ->
     forces[2:, i, 3 * m + i], forces[2:, m + i, 3 * m + i] = stretching, -stretching
     forces[2:, m:, 4 * m : alphas] = np.einsum("abd,jbc->jadc", arm.J_rows, x[:, m:])
     forces[2:, m:, alphas:] = np.einsum("abd,jbc->jadc", arm.K_rows, place[:, m:])
-    db = -(mobility @ forces.reshape(2 + sloped, 2 * m, -1))
+    db = -(told.mobility @ forces.reshape(2 + sloped, 2 * m, -1))
     for j in range(3, 2 + sloped):
-        db[j] -= by_rate @ db[j - 1] + by_place @ db[j - 2]
+        db[j] -= told.by_rate @ db[j - 1] + told.by_place @ db[j - 2]
     slopes = N[:, None, None] * db[2:, :m].reshape(sloped, m, -1, m)
-    return near, powers, np.moveaxis(slopes, 3, 1).reshape(sloped * m, -1)
+    return np.moveaxis(slopes, 3, 1).reshape(sloped * m, -1)
 
 
 def _of_blocks(a: Array, b: Array, c: Array, d: Array) -> Array:

@@ -59,8 +59,7 @@ def units(lin: Linearised, effect: type[Effect], joint: int | None) -> tuple[flo
 def _sizes(lin: Linearised, port: str, joint: int) -> dict[str, float]:
     """Largest rms torque, angle and rate at a port over the records, and the constants of its joint."""
     port = _side(port)
-    moved = [m.at(port, joint) for m in lin.motions[port]]
-    angle, rate, torque = (max(float(np.std(signals)) for signals in kind) for kind in zip(*moved, strict=True))
+    angle, rate, torque = lin.swings[port, joint]
     p = lin.problem.parameters(lin.vector)
     J = max(float(arm.J[joint, joint]) for _, arm in lin.arms)
     motor = port == "motor"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +94,13 @@ class Scene:
     def s(self) -> Complex:
         return np.asarray(2j * np.pi * self.f0 * self.lines)
 
+    @cached_property
+    def aliases(self) -> tuple[Complex, Complex]:
+        """Those of the lines [L, 2 FOLDED] that gains are told of, and s^-3 there."""
+        orders = np.delete(np.arange(-FOLDED, FOLDED + 1), FOLDED)
+        s = self.s[:, None] + 2j * np.pi * self.fs * orders
+        return s, s**-3
+
     def acting_torque(self, gain: Complex | None) -> Complex:
         """The torques [L, m] of the motors as they act at their own lines, behind a torque gain and held between samples."""
         tau = self.tau if gain is None else self.tau * gain
@@ -156,8 +163,8 @@ def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extr
     angle = [g[:, live] for e in effects if (g := e.angle_gain(s, arm)) is not None]
     return Extra(
         sum(impedances[1:], impedances[0]) if impedances else None,
-        np.prod(torque, axis=0) if torque else None,
-        np.prod(angle, axis=0) if angle else None,
+        reduce(np.multiply, torque) if torque else None,
+        reduce(np.multiply, angle) if angle else None,
         folded=_folded(scene, arm, effects, [*torque, *angle]) if scene.hold == "zoh" else None,
     )
 
@@ -166,13 +173,14 @@ def _folded(scene: Scene, arm: Known, effects: Sequence[Effect], gains: Sequence
     """By how much more the aliases of a held torque come through `gains` [L, m] at the line: sum of (g(s_k) / g(s) - 1) / s_k^3."""
     if not gains:
         return None
-    orders = np.delete(np.arange(-FOLDED, FOLDED + 1), FOLDED)
-    s = scene.s[:, None] + 2j * np.pi * scene.fs * orders
-    there = [
-        gain.reshape(*s.shape, -1)[..., scene.arm.live]
-        for e in effects
-        for gain in (e.torque_gain(s.ravel(), arm), e.angle_gain(s.ravel(), arm))
-        if gain is not None
-    ]
-    more: Complex = np.prod(there, axis=0) / np.prod(gains, axis=0)[:, None] - 1.0
-    return np.sum(more / s[..., None] ** 3, axis=1)
+    live, (s, cubes) = scene.arm.live, scene.aliases
+    more = np.zeros_like(gains[0])
+    changed = np.flatnonzero(np.any([(gain != 1.0).any(axis=0) for gain in gains], axis=0))
+    there: Complex | float = 1.0
+    for e in effects:
+        for gain in (e.torque_gain(s.ravel(), arm), e.angle_gain(s.ravel(), arm)):
+            if gain is not None:
+                there = there * gain[:, live[changed]].reshape(*s.shape, -1)
+    here = reduce(np.multiply, (gain[:, changed] for gain in gains))
+    more[:, changed] = np.einsum("lkc,lk->lc", there / here[:, None] - 1.0, cubes)
+    return more

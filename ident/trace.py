@@ -94,6 +94,17 @@ class Linearised:
         return {port: tuple(at(port)) for port in ("motor", "spring", "link")}
 
     @cached_property
+    def swings(self) -> dict[tuple[str, int], tuple[float, float, float]]:
+        """The largest rms angle, rate and torque of each joint at each port, over the records, by its `motions`."""
+        found = {}
+        for port, motions in self.motions.items():
+            for joint in range(self.problem.n):
+                kinds = zip(*(motion.at(port, joint) for motion in motions), strict=True)
+                angle, rate, torque = (max(float(np.std(signal)) for signal in kind) for kind in kinds)
+                found[port, joint] = angle, rate, torque
+        return found
+
+    @cached_property
     def positions(self) -> dict[str, tuple[Complex, ...]]:
         """For each port: (theta / N, q) of the live joints at the lines of each record [L, 2m], by its `motions`."""
 
@@ -132,7 +143,7 @@ class Linearised:
 
     def prepare(self) -> None:
         """Computes what all candidates need, once, before they are shared out."""
-        _ = self.information, self.slope, self.motions, self.positions, self.ports, self.arms
+        _ = self.information, self.slope, self.motions, self.swings, self.positions, self.ports, self.arms
 
     def step(self, columns: Sequence[Sequence[Complex | None]], leaving: Sequence[int] = ()) -> tuple[Array, float]:
         """Returns how large each new column wants to be, all free parameters refitted, and by how much chi^2 falls.

@@ -81,14 +81,16 @@ def _likeliest(G: Complex, error: Complex, torque: Array, angle: Array, least: A
     rows = np.concatenate([G, np.broadcast_to(np.eye(m), (L, m, m))], axis=2)
     powers = np.concatenate([np.maximum(torque, SMALL * torque.max()), np.maximum(angle, least.min(axis=0))])
     samples = np.moveaxis(error, 0, 2)
+    found = samples @ np.swapaxes(samples.conj(), 1, 2) / len(error)
     for _ in range(STEPS):
         covariance = (rows * powers) @ np.swapaxes(rows.conj(), 1, 2)
         covariance[:, range(m), range(m)] += least
-        W = np.linalg.inv(np.linalg.cholesky(covariance))
-        X = W @ rows
-        seen = (np.abs(np.swapaxes(X.conj(), 1, 2) @ (W @ samples)) ** 2).mean(axis=2).sum(axis=0)
-        expected = (np.abs(X) ** 2).sum(axis=(0, 1))
-        powers = powers * np.sqrt(seen / np.maximum(expected, 1e-300))
+        size = np.sqrt(covariance[:, range(m), range(m)].real)
+        both = size[:, :, None] * size[:, None, :]  # joints whose noise differs by far are inverted as if they were alike
+        X = (np.linalg.inv(covariance / both) / both) @ rows
+        seen = (X.conj() * (found @ X)).real.sum(axis=(0, 1))
+        expected = (rows.conj() * X).real.sum(axis=(0, 1))
+        powers = powers * np.sqrt(np.maximum(seen, 0.0) / np.maximum(expected, 1e-300))
     return powers[:m], powers[m:]
 
 
