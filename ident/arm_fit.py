@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.acting import Moved, Slid, acting, differences, linear_part, moved
-from ident.arm_model import Extra, Parameters, by_impedance, motion_and_derivatives, transfer
+from ident.arm_model import DRIVES, Extra, Parameters, by_impedance, motion_and_derivatives, transfer
 from ident.campaign import Array
-from ident.effects.base import Effect, Known, has_forces, only_forces, only_impedance
+from ident.effects.base import Effect, Known, has_forces, only_forces, only_gains, only_impedance, only_shares
 from ident.evidence import Evidence
 from ident.frf import Complex
 from ident.scene import Scene, in_record, known, linear_extra
@@ -192,7 +192,14 @@ def residual(
         if not nudged:
             continue
         places, nudges, changed = zip(*nudged, strict=True)
-        if only_impedance(effect):
+        if only_shares(effect):
+            moves = _by_shares(scene, effect, changed, one.index, slopes)
+        elif only_gains(effect):
+            torque = scene.acting_torque(None)[use] * (1.0 if extra.torque_gain is None else extra.torque_gain)
+            turned = on_motor * (scene.arm.N * torque)[:, None]
+            read = theta - (0.0 if extra.reading is None else extra.reading)
+            moves = _by_gains(scene, effect, changed, arm, s, turned, read)
+        elif only_impedance(effect):
             Z = _impedances(scene, s, [(effect, arm), *((other, arm) for other in changed)])
             moves = by_impedance(scene.arm, p, s, extra, theta, Z[1:] - Z[0])
         elif how is not None and only_forces(effect):
@@ -220,6 +227,32 @@ def _nudged(problem: Problem, effect: Effect, first: int) -> list[tuple[int, flo
         nudge = nudge if value + nudge <= problem.high[first + j] else -nudge
         found.append((first + j, nudge, effect.with_value(j, value + nudge)))
     return found
+
+
+def _by_shares(scene: Scene, effect: Effect, others: Sequence[Effect], record: int, slopes: Complex) -> Complex:
+    """By how much `others`, by which drives change by other shares than by `effect`, change the angles [L, m, k] of a record in which
+    the residual follows the arm's parameters by `slopes` [L, m, C]."""
+    live, now = scene.arm.live, effect.shares(record)
+    moves = np.zeros((*slopes.shape[:2], len(others)), dtype=complex)
+    for here in np.flatnonzero(live == effect.joint):
+        for k, other in enumerate(others):
+            for name, share in other.shares(record).items():
+                along = slopes[:, :, DRIVES.index(name) * len(live) + here]
+                moves[:, :, k] -= along * np.log((1.0 + share) / (1.0 + now[name]))
+    return moves
+
+
+def _by_gains(
+    scene: Scene, effect: Effect, others: Sequence[Effect], arm: Known, s: Complex, turned: Complex, read: Complex
+) -> Complex:
+    """By how much `others`, whose gains are others than those of `effect`, change the angles [L, m, k] at s [L] that each motor's torque
+    has `turned` [L, m, m (motor)] and that are `read` [L, m] in all. Aliases of torques, which turn hardly anything, stay."""
+    live, moves = scene.arm.live, np.zeros((*read.shape, len(others)), dtype=complex)
+    for hook, by in (("torque_gain", turned), ("angle_gain", np.eye(len(live)) * read[:, None])):
+        now, *then = (getattr(one, hook)(s, arm) for one in (effect, *others))
+        if now is not None:
+            moves += by @ np.stack([gain[:, live] / now[:, live] - 1.0 for gain in then], axis=2)
+    return moves
 
 
 def _impedances(scene: Scene, s: Complex, cases: Sequence[tuple[Effect, Known]]) -> Complex:

@@ -21,6 +21,9 @@ from ident.frf import Complex
 #: computed one by one, the derivatives of so many: a pole farther above is one of no arm, met on the way of a fit.
 ALIAS_ACCURACY, SLOPE_ACCURACY, CONVERGES, MOST_NEAR, NEAR_SLOPES = 1e-9, 1e-5, 2.5, 16, 3
 
+#: The numbers of a drive, in the order of `Parameters`.
+DRIVES = ("K", "J_m", "D", "D_spring")
+
 
 @dataclass(frozen=True, eq=False)
 class Parameters:

@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from ident.arm_model import DRIVES
 from ident.effects.base import Effect, Parameter, only_impedance, scale
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import CREEP
@@ -102,7 +103,7 @@ def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
         total = total + _linear(lin, effect, at)
         shares = effect.shares(one.index)
         for name, share in shares.items():
-            column = ("K", "J_m", "D", "D_spring").index(name) * scene.n + int(effect.joint or 0)
+            column = DRIVES.index(name) * scene.n + int(effect.joint or 0)
             place = np.flatnonzero(lin.columns[at] == column)
             if place.size:
                 total = total - lin.A[at][:, :, place[0]] * (np.log1p(share) / lin.problem.scale[column])

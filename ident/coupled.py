@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.arm_fit import UNSEEN_INFORMATION, Problem, hold, residual, scale_of, spectrum
-from ident.arm_model import Parameters
+from ident.arm_model import DRIVES, Parameters
 from ident.campaign import Array, Campaign
 from ident.certainty import certainty, thin
 from ident.descent import Minimum, minimise
@@ -24,8 +24,6 @@ from ident.frf import Complex, Frf
 from ident.start import START_DAMPING
 from symgen.plan import Model
 
-#: Names of the four rows of `CoupledFit.drive_std`.
-DRIVES = ("K", "J_m", "D", "D_spring")
 #: Where a drive is not declared and nothing was fitted: only a start value, for a motor of a few hundred watts.
 PLAIN_DRIVE = (5e3, 3e-5)
 #: Relative errors the model is granted on the way from its start, so that no few clear lines pull it into a corner.

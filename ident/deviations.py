@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 from scipy.special import chdtri
 
 from ident.arm_fit import Problem, spectrum
+from ident.arm_model import DRIVES
 from ident.campaign import Array, Campaign
 from ident.descent import Minimum
 from symgen.plan import Model
@@ -87,7 +88,7 @@ def _drives(
 ) -> list[Deviation]:
     p, n = problem.parameters(found.vector), problem.n
     result = []
-    for block, field in enumerate(("K", "J_m", "D", "D_spring")):
+    for block, field in enumerate(DRIVES):
         declared = getattr(campaign, field)
         if field == "K" or declared is None:
             continue

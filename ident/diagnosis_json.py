@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ident.added import Added
+from ident.arm_model import DRIVES
 from ident.artefacts import artefacts
 from ident.campaign import Campaign
 from ident.choice import LEAST_SHARE
@@ -149,7 +150,7 @@ def _drives(d: Diagnosis) -> dict[str, Any]:
     std = uncertainty(d.end.problem, d.end.minimum)[2]
     return {
         name: {"value": values, "std": std[block * n : (block + 1) * n] * values}
-        for block, name in enumerate(("K", "J_m", "D", "D_spring"))
+        for block, name in enumerate(DRIVES)
         for values in (getattr(p, name),)
     }
 
@@ -186,7 +187,7 @@ def _declared(d: Diagnosis) -> dict[str, Any]:
             "K": c.n, "J_m": c.n, "D": c.n, "D_spring": c.n, "alpha": len(d.model.names),
             "gravity": d.end.problem.r, "total": d.start.problem.base,
         },
-        "drives": {name: getattr(c, name) for name in ("K", "J_m", "D", "D_spring")},
+        "drives": {name: getattr(c, name) for name in DRIVES},
         "gravity": c.gravity,
         "believed_zeros": len(d.model.factoring.believed),
         "effects": [],

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ident.arm_model import DRIVES
 from ident.campaign import Array, Campaign
-from ident.coupled import DRIVES, CoupledFit
+from ident.coupled import CoupledFit
 from ident.drive import SharedDrive, share
 from ident.fit import JointFit, ThreePoint
 from ident.solve import Alpha, Combined, inertia_std, solve

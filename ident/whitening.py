@@ -86,7 +86,9 @@ def _likeliest(G: Complex, error: Complex, torque: Array, angle: Array, least: A
         covariance = (rows * powers) @ np.swapaxes(rows.conj(), 1, 2)
         covariance[:, range(m), range(m)] += least
         size = np.sqrt(covariance[:, range(m), range(m)].real)
-        both = size[:, :, None] * size[:, None, :]  # joints whose noise differs by far are inverted as if they were alike
+        both = (
+            size[:, :, None] * size[:, None, :]
+        )  # joints whose noise differs by far are inverted as if they were alike
         X = (np.linalg.inv(covariance / both) / both) @ rows
         seen = (X.conj() * (found @ X)).real.sum(axis=(0, 1))
         expected = (rows.conj() * X).real.sum(axis=(0, 1))

@@ -347,6 +347,16 @@ def only_forces(effect: Effect) -> bool:
     return not overrides(effect, "impedance", *_OTHERS)
 
 
+def only_gains(effect: Effect) -> bool:
+    """Whether an effect changes nothing but what becomes of torques and angles at each frequency."""
+    return not has_forces(effect) and not overrides(effect, "impedance", "posture", "shares")
+
+
+def only_shares(effect: Effect) -> bool:
+    """Whether an effect changes nothing but drives, from one record to the next."""
+    return not has_forces(effect) and not overrides(effect, "impedance", "torque_gain", "angle_gain", "posture")
+
+
 def only_impedance(effect: Effect) -> bool:
     """Whether an effect changes nothing but the dynamic stiffness."""
     return not has_forces(effect) and not overrides(effect, *_OTHERS)

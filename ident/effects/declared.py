@@ -160,7 +160,7 @@ class ChangeBetweenRecords(Changing):
     parameters = (
         Parameter("record", "", 2.0, 1e6, (2.0,), zero=None, whole=True),
         Parameter("stiffness", "", -0.9, 10.0, (-0.1, 0.1)),
-        Parameter("damping", "", -1.0, 100.0, (0.0, 1.0)),
+        Parameter("damping", "", -0.99, 100.0, (0.0, 1.0)),
         Parameter("inertia", "", -0.9, 10.0, (0.0, 0.1)),
     )
 

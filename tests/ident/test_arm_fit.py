@@ -19,6 +19,7 @@ from ident.descent import _further, _step, _taken, minimise
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import Motion
+from ident.effects.response import response
 from ident.effects.sensor import JointZeroOffset
 from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.evidence import Evidence, evidence, gravity_basis
@@ -29,6 +30,8 @@ from symgen.robot import load_robot
 
 #: Of a large step; forward differences and far aliases leave 1e-4.
 STEP, CLOSE = 1e-5, 1e-3
+#: Of the derivative by a gain what aliases at a tenth of the sampling rate are.
+ALIASED = 1e-2
 
 
 def sized(kind: type[Effect], K: float) -> Effect:
@@ -66,6 +69,42 @@ def test_derivatives_by_the_arm_are_differences_whatever_acts(name: str) -> None
         ahead, behind = (residual(problem, vector + sign * step, one, kept.moved)[0] for sign in (1.0, -1.0))
         found = (ahead - behind) / (2.0 * STEP)
         assert np.abs(found - slope * problem.scale[column]).max() <= CLOSE * max(largest, 1e-6 * size.max()), column
+
+
+@pytest.mark.parametrize(
+    ("effect", "close"),
+    [
+        (CATALOGUE["torque-lag"](1, (1e-3,)), ALIASED),
+        (CATALOGUE["input-delay"](None, (5e-4,)), ALIASED),
+        (CATALOGUE["torque-scale"](0, (0.1,)), ALIASED),
+        (CATALOGUE["time-offset"](1, (1e-4,)), ALIASED),
+        (CATALOGUE["change-between-records"](1, (2.0, 0.2, -0.3, 0.1)), CLOSE),
+        (CATALOGUE["drift-over-records"](2, (3.0, -0.1, 0.5)), CLOSE),
+        # of a response beyond its last knot aliases are a larger part
+        (response("motor", [1.0, 10.0, 30.0, 100.0])(1, (0.1, -0.2, 0.1, 1e-3, 1e-3, 5e-4, 2e-4)), 3.0 * ALIASED),
+        (response("sensor", [1.0, 10.0, 30.0, 100.0])(1, (0.1, -0.2, 0.1, 1e-3, 1e-3, 5e-4, 2e-4)), ALIASED),
+    ],
+    ids=lambda one: getattr(one, "name", "") + getattr(one, "port", ""),
+)
+def test_derivatives_by_gains_and_shares_are_differences(effect: Effect, close: float) -> None:
+    """Of the fourth record of an arm on which another effect acts, too."""
+    c, model, basis, one, start = told()
+    one, viscous = replace(one, index=3), CATALOGUE["link-viscous"](1, (0.1,))
+    many = len(effect.values) + 1
+    problem = problem_of(c, model, basis, (one,), start, (viscous, effect), [1e-3] * many, [(-np.inf, np.inf)] * many)
+    whole = [p.whole for p in (*viscous.parameters, *effect.parameters)]
+    problem = replace(problem, free=np.append(np.zeros(problem.base, dtype=bool), ~np.array(whole)), turns=0)
+    vector = np.concatenate([start.vector(), viscous.values, effect.values])
+    (kept,) = hold(problem, vector)
+    _, slopes, columns = residual(problem, vector, one, kept.moved, derive=True)
+    tried = [k for k, column in enumerate(columns) if column > problem.base]
+    assert len(tried) == many - 1 - sum(whole)
+    for k in tried:
+        step = np.zeros(len(vector))
+        step[columns[k]] = 1e-4 * max(abs(vector[columns[k]]), 1e-4)
+        ahead, behind = (residual(problem, vector + sign * step, one, kept.moved)[0] for sign in (1.0, -1.0))
+        found = (ahead - behind) / (2.0 * step[columns[k]])
+        assert 0.0 < np.abs(found - slopes[:, :, k]).max() <= close * np.abs(found).max(), columns[k]
 
 
 def test_what_is_pressed_against_its_bound_is_left_there() -> None:
