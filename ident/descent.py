@@ -167,11 +167,14 @@ def _further(before: Array, now: Array, information: Array) -> float:
 
 def _bend(sums: Sums, vector: Array, step: Array, information: Array, damping: float) -> Array:
     """Returns what the curvature of the residuals along a step adds to it [P], half its geodesic acceleration
-    (doi:10.48550/arXiv.1201.5885); nothing where that is no small part of the step."""
+    (doi:10.48550/arXiv.1201.5885), without what `_taken` bends already; nothing where that is no small part of the step."""
+    problem = sums.problem
     pushed = sums.curved(vector, step, AHEAD)
     with np.errstate(all="ignore"):  # a bend beyond numbers is none
-        bend, size = 0.5 * _step(sums.problem, vector, pushed, information, damping), np.sqrt(np.diag(information))
+        bend, size = 0.5 * _step(problem, vector, pushed, information, damping), np.sqrt(np.diag(information))
         small = np.linalg.norm(size * bend) < BEND * np.linalg.norm(size * step)
+    softer = problem.giving & (step < 0.0)
+    bend[softer] -= problem.scale[softer] * step[softer] ** 2 / vector[softer]
     return bend if small else np.zeros_like(bend)
 
 

@@ -190,7 +190,6 @@ def test_what_gives_is_found_from_where_it_is_hardly_felt() -> None:
     np.testing.assert_allclose(found[:3], true[:3], rtol=0.1)
 
 
-@pytest.mark.bench
 def test_a_winding_valley_is_followed_by_its_bend() -> None:
     """A spring behind a spring: from far along the valley of their stiffnesses, straight steps go 5 % of the way."""
     robot = load_robot(ROOT / "robots/ypp3")
