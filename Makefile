@@ -36,7 +36,7 @@ lint: .venv/dev
 fast: .venv/dev
 	$(BIN)/pytest -q -n 2 --dist worksteal
 
-# The longer studies, and symgen beside its peers (tests/bench/RESULTS.md): about ten minutes.
+# The longer studies, and symgen beside its peers (tests/bench/RESULTS.md): up to an hour.
 bench: .venv/dev
 	$(BIN)/pytest -q -m bench
 	$(BIN)/python tests/bench/bench_peers.py
