@@ -64,10 +64,12 @@ lock:
 	$(COMPILE)
 	@touch $@
 
-.venv/dev: .venv/runtime requirements-dev.lock
+# All of .venv/runtime, too: packages are resolved once.
+.venv/dev: .venv/python requirements.lock requirements-dev.lock pyproject.toml
 	$(INSTALL) -r requirements-dev.lock
+	$(INSTALL) --no-deps -e .
 	$(COMPILE)
-	@touch $@
+	@touch .venv/runtime $@
 
 clean:
 	rm -rf .venv .venv-peers out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -96,6 +96,7 @@ def test_a_current_loop_of_second_order_is_drawn_to_the_noise() -> None:
     np.testing.assert_allclose(found.response(s), 1.0 / (1.0 + 1e-3 * s) ** 2, atol=0.01)
 
 
+@pytest.mark.bench
 def test_two_names_take_the_place_of_a_response_that_they_make() -> None:
     lag, delay = LAG(JOINT, (1e-3,)), DELAY(JOINT, (1e-3,))
     found = named_gains(begun(lag, delay).bench, drawn(lag, delay), lambda line: None)

@@ -46,7 +46,14 @@ def test_what_bends_the_arm_at_one_joint_is_left_out_with_its_records(joint: int
     assert np.isfinite(better.guess.vector()).all() and better.split is bench.split and better.firm == 0.0
 
 
-def test_an_arm_that_nothing_bends_or_something_everywhere_stays_as_declared() -> None:
-    for effects in ((), ("torque-lag:time=2e-3@joint1", "torque-lag:time=2e-3@joint2", "torque-lag:time=2e-3@joint3")):
-        found = begun(*effects)
-        assert unbent(found.bench, found.start, lambda line: None) is found.bench
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (),
+        pytest.param([f"torque-lag:time=2e-3@joint{k}" for k in (1, 2, 3)], marks=pytest.mark.bench),
+    ],
+    ids=["nothing", "everywhere"],
+)
+def test_an_arm_that_nothing_bends_or_something_everywhere_stays_as_declared(effects: tuple[str, ...]) -> None:
+    found = begun(*effects)
+    assert unbent(found.bench, found.start, lambda line: None) is found.bench
