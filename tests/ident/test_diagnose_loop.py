@@ -73,6 +73,7 @@ def test_nothing_is_found_where_nothing_is(model: Model) -> None:
     assert np.linalg.slogdet(information)[1] > np.linalg.slogdet(fewer(found))[1]
 
 
+@pytest.mark.bench
 def test_an_effect_that_no_group_of_lines_shows_is_looked_for(model: Model) -> None:
     faint, clean = (begun(model, *effects) for effects in ((FAINT,), ()))
     parts = faint.bench.split
