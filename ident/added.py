@@ -5,14 +5,30 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ident.candidates import catalogue
 from ident.choice import ALIKE, LEAST_SHARE, chosen
 from ident.curves import curves
 from ident.effects.base import Effect, Law
-from ident.effects.learned import learned
+from ident.effects.learned import LearnedLaw, at_knots, learned
 from ident.minima import LEAST_GAIN, fully, told
 from ident.parts import degrees
-from ident.refits import CLOSE, NAMED, Bench, State, all_fitted, excess, instead, linearised, same, without
+from ident.refits import (
+    CLOSE,
+    NAMED,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    excess,
+    fitted,
+    instead,
+    linearised,
+    same,
+    some,
+    without,
+)
 from ident.trials import CURVES, polished, promising, refitted
 
 #: Curves at the port of a name that together do more than this share of what it did, or leave it less than this share of its
@@ -99,15 +115,47 @@ def drawn_over(
         problem = bench.problem(state.problem.data, effects, state.scales, state.limits)
         best = replace(state, effects=effects, problem=replace(problem, slid=state.problem.slid))
         return best, [replace(a, effect=flat) if same(a.effect, named) else a for a in added]
+    most = _as_well(bench, state)
+    if (whole := _in_one(bench, state, named)) is not None:
+        best = fully(bench, fitted(bench, whole))
+        progress(f"  {told(named)} in the curve: {excess(bench, best):.4g}")
+        if best.select <= most:
+            first, curve = next(a for a in added if same(a.effect, named)), added[-1]
+            entry = replace(first, effect=best.effects[-1], after=curve.after, gain=first.gain + curve.gain)
+            return best, [entry if a is first else a for a in added if a is not curve]
     lin = linearised(less.problem, less.minimum.vector)
     here = [c for c in curves(lin, bench.workers) if (c.effect.port, c.effect.joint) == (named.port, named.joint)]
     tried = refitted(bench, less, [(c, lin) for c in here[:CURVES]], progress)
     if not tried:
         return state, added
     best = fully(bench, min(tried, key=lambda one: one[1].select)[1])
-    if best.select > state.select + max(LEAST_GAIN, ALIKE * (state.select - degrees(bench.split.select))):
+    if best.select > most:
         return state, added
     return best, [replace(a, effect=best.effects[-1]) if same(a.effect, named) else a for a in added]
+
+
+def _as_well(bench: Bench, state: State) -> float:
+    """chi^2 on the choosing records of another model that does as well as this one, or leaves nothing."""
+    dof = degrees(bench.split.select)
+    return max(state.select + max(LEAST_GAIN, ALIKE * (state.select - dof)), NAMED * dof)
+
+
+def _in_one(bench: Bench, state: State, named: Effect) -> Refit | None:
+    """The model with a named law in the heights of the last curve, to be refitted. None where the curve is not one of all that the law
+    follows from."""
+    curve, joint = state.effects[-1], named.joint
+    if not isinstance(curve, LearnedLaw) or not isinstance(named, Law) or joint is None:
+        return None
+    if (named.port, joint) != (curve.port, curve.joint):
+        return None
+    law = at_knots(curve, named, float(bench.campaign.N[joint]), float(bench.guess.K[joint]))
+    if law is None:
+        return None
+    refit = some(state, [k for k, e in enumerate(state.effects) if not same(e, named)])
+    vector = refit.vector.copy()
+    vector[-len(law) :] += law
+    size, others = float(np.abs(vector[-len(law) :]).max()), len(refit.scales) - len(law)
+    return replace(refit, vector=vector, scales=refit.scales[:others] + (size,) * len(law))
 
 
 def _flat(named: Effect) -> Effect | None:
@@ -141,8 +189,7 @@ def renamed(
     lin = linearised(less.problem, less.minimum.vector)
     names = catalogue(lin, less.effects, bench.workers, at=(curve.port, curve.joint))
     progress(f"without {told(curve)}: {excess(bench, less):.4g}")
-    dof = degrees(bench.split.select)
-    limit = max(state.select + max(LEAST_GAIN, ALIKE * (state.select - dof)), NAMED * dof)
+    limit = _as_well(bench, state)
     if excess(bench, less) <= CLOSE:
         names = promising(bench, names, less.select - limit)
     tried = polished(bench, refitted(bench, less, [(c, lin) for c in names[:NAMES]], progress), first, progress)

@@ -15,6 +15,7 @@ from scipy.special import zeta
 
 from ident.campaign import Array
 from ident.frf import Complex
+from ident.inverses import inverses
 
 #: Aliases of a held torque are summed by powers of 1/s to this share, where they lie so far above the arm's poles that so many
 #: powers do, their derivatives to this; aliases less than so many times as high as the fastest pole, up to so many a side, are
@@ -296,8 +297,8 @@ def stiffness(
 def transfer(arm: Posture, p: Parameters, s: Complex, extra: Extra = NOTHING) -> tuple[Complex, Complex]:
     """Returns the measured angles [S, m, m, rad] per force on the motors and on the links, joint side, at s [S]."""
     Z_mm, Z_ml, Z_lm, Z_ll = stiffness(arm, p, s, extra.impedance)
-    yielding = np.linalg.inv(Z_ll)
-    core = arm.N[:, None] * np.linalg.inv(Z_mm - Z_ml @ yielding @ Z_lm)
+    yielding = inverses(Z_ll)
+    core = arm.N[:, None] * inverses(Z_mm - Z_ml @ yielding @ Z_lm)
     if extra.angle_gain is not None:
         core = core * extra.angle_gain[..., None]
     return core, -core @ Z_ml @ yielding
@@ -327,7 +328,7 @@ def _continuous(
     live, N, m = arm.live, arm.N, len(arm.live)
     K, J_m, D, D_spring = (values[live] for values in (p.K, p.J_m, p.D, p.D_spring))
     Z_mm, Z_ml, Z_lm, Z_ll = stiffness(arm, p, s, extra.impedance)
-    yielding = np.linalg.inv(Z_ll)
+    yielding = inverses(Z_ll)
     if extra.impedance is None:  # springs alone are between motors and links: Z_ml is diagonal
         spring = np.diagonal(Z_ml, axis1=1, axis2=2)
         carried = -yielding * spring[:, None, :]  # q per theta / N
@@ -335,7 +336,7 @@ def _continuous(
     else:
         carried = -yielding @ Z_lm
         felt = Z_mm + Z_ml @ carried
-    core = N[:, None] * np.linalg.inv(felt)  # angle of the motors per force on the motors, joint side
+    core = N[:, None] * inverses(felt)  # angle of the motors per force on the motors, joint side
     on_motor = N[:, None] * tau
     if extra.on_motor is not None:
         on_motor = on_motor + extra.on_motor[..., None]

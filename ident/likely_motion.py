@@ -15,6 +15,7 @@ from ident.campaign import Array
 from ident.effects.base import Effect
 from ident.effects.motion import Motion
 from ident.frf import Complex
+from ident.inverses import inverses
 from ident.scene import Scene, known, linear_extra
 from ident.whitening import Powers
 
@@ -78,10 +79,10 @@ class LikelyMotion:
         linear = linear_extra(wide, p, effects)
         on_motor, on_link = transfer(arm, p, wide.s, linear)
         _, _, Z_lm, Z_ll = stiffness(arm, p, wide.s, linear.impedance)
-        yielding = np.asarray(np.linalg.inv(Z_ll), dtype=complex)
+        yielding = inverses(Z_ll)
         G = response(arm, p, replace(sampling, f=wide.f0 * wide.lines), linear)
         of_model = replace(powers, G=G).of_model()
-        certainty = np.asarray(np.linalg.inv(of_model + np.diag(powers.angle.max(axis=0))), dtype=complex)
+        certainty = inverses(of_model + np.diag(powers.angle.max(axis=0)))
         inside = np.isin(wide.lines, scene.lines)
         rigid = np.zeros_like(wide.theta)
         tau = wide.acting_torque(linear.torque_gain)

@@ -233,7 +233,7 @@ def _mixed(turn: Callable[[Array], Array], w: Array, turns: int, enough: float) 
     products = np.zeros((MEMORY, MEMORY))
     change = turn(w)
     for k in range(turns):
-        if not norm(change) > enough:  # or no number
+        if not enough < norm(change) < np.inf:  # or no number
             break
         seen = min(k, MEMORY)
         mixed = change.copy()

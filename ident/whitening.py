@@ -10,13 +10,14 @@ from scipy.optimize import nnls
 from ident.arm_model import NOTHING, Extra, Parameters, Posture, Sampling, response
 from ident.campaign import Array
 from ident.frf import Complex, moving_average
+from ident.inverses import inverses
 
 #: The model is computed to about this accuracy of an angle: no noise is taken to be smaller.
 MODEL_ACCURACY = 1e-8
 #: Lines over which the first guess of the noise power is smoothed, and the passes that replace it by its model.
 SMOOTHED, NOISE_PASSES = 15, 3
 #: Share of the largest torque noise from which a smaller one is looked for, and steps to the likeliest powers.
-SMALL, STEPS = 1e-3, 10
+SMALL, STEPS = 1e-3, 5
 #: Lines over which an angle is averaged that a doubt is relative to: a line that was not excited has none of its own.
 NEIGHBOURS = 7
 
@@ -89,7 +90,7 @@ def _likeliest(G: Complex, error: Complex, torque: Array, angle: Array, least: A
         both = (
             size[:, :, None] * size[:, None, :]
         )  # joints whose noise differs by far are inverted as if they were alike
-        X = (np.linalg.inv(covariance / both) / both) @ rows
+        X = (inverses(covariance / both) / both) @ rows
         seen = (X.conj() * (found @ X)).real.sum(axis=(0, 1))
         expected = (rows.conj() * X).real.sum(axis=(0, 1))
         powers = powers * np.sqrt(np.maximum(seen, 0.0) / np.maximum(expected, 1e-300))
@@ -102,4 +103,4 @@ def whitening(powers: Powers, theta: Complex, doubt: float = 0.0) -> Complex:
     covariance, i = powers.of_model(), np.arange(theta.shape[1])
     granted = doubt**2 * moving_average(np.abs(theta) ** 2, min(NEIGHBOURS, len(theta)))
     covariance[:, i, i] += powers.angle + granted
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=complex)
+    return inverses(np.asarray(np.linalg.cholesky(covariance), dtype=complex))

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ident.effects.base import Array, Effect, Law, Parameter
-from ident.effects.motion import State, direction
+from ident.effects.motion import AT, State, Told, direction
 
 
 class Kind(NamedTuple):
@@ -164,6 +164,19 @@ def factor(at: State, port: str, name: str) -> Any:
             return x
         case _:
             return 1.0
+
+
+def at_knots(curve: LearnedLaw, law: Law, N: float, K: float) -> Array | None:
+    """What another law of its port and joint, with gear ratio `N` and stiffness `K`, gives at the knots of a curve; None where that
+    follows from anything else than the curve's variable, or the curve is one that is multiplied or repeats itself."""
+    kind, knots = KINDS[curve.variable], np.asarray(curve.knots)
+    if kind.times or curve.period is not None:
+        return None
+    signals = dict(zip(("position", "velocity"), AT[curve.port][:2], strict=False)) | {"load": "spring", "drive": "tau"}
+    load = curve.port == "motor" and kind.of == "load"  # that is motor side
+    known = {signals[kind.of]: N * knots if load else knots}
+    force = np.asarray(law.law(Told(lambda name: known.get(name, np.full(len(knots), np.nan)), N, K)))
+    return force if force.shape == knots.shape and np.isfinite(force).all() else None
 
 
 def bent(curve: Effect) -> Effect | None:

@@ -21,14 +21,14 @@ from ident.curves import PARTS, _shape, curves, wave
 from ident.diagnose import _mended
 from ident.effects.base import Effect, Law
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.learned import bent, learned
+from ident.effects.learned import LearnedLaw, at_knots, bent, learned
 from ident.effects.motion import State
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.minima import fully, told
 from ident.parts import Split
 from ident.periods import spectrum
-from ident.refits import Bench, Refit, excess, first, fitted
+from ident.refits import Bench, Refit, excess, first, fitted, linearised
 from ident.refits import State as Fitted
 from ident.trace import Linearised, linearise
 from ident.trials import refitted
@@ -388,20 +388,58 @@ def test_dry_friction_that_a_curve_outdoes_is_learned_friction_of_one_height() -
     np.testing.assert_allclose(flat.law(state(0.3, rates)), named.law(state(0.3, rates)))
 
 
+def added(tools: Bench, state: Fitted, effect: Effect) -> Fitted:
+    """The model with an effect more."""
+    size = max(map(abs, effect.values))
+    more = (*state.effects, effect), (*state.scales, *(size,) * len(effect.values))
+    limits = (*state.limits, *((-np.inf, np.inf),) * len(effect.values))
+    return fitted(tools, Refit(np.concatenate([state.minimum.vector, effect.values]), *more, limits))
+
+
+@pytest.mark.parametrize(
+    ("port", "variable", "name", "values", "expected"),
+    [
+        ("spring", "position", "spring-hardening", (2.0,), [-2.0, 0.25, 16.0]),
+        ("spring", "position", "backlash", (1.0,), [2500.0, -2500.0, -2500.0]),
+        ("motor", "velocity", "motor-quadratic-drag", (3.0,), [3.0, -0.75, -12.0]),
+        ("motor", "drive", "motor-quadratic-drag", (3.0,), None),
+        ("motor", "sliding", "motor-quadratic-drag", (3.0,), None),
+        ("link", "torque", "load-dependent-friction", (0.1,), None),
+    ],
+)
+def test_a_law_at_the_knots_of_a_curve_of_all_that_it_follows_from(
+    port: str, variable: str, name: str, values: tuple[float, ...], expected: list[float] | None
+) -> None:
+    curve, law = learned(port, variable, [-1.0, 0.5, 2.0])(0, (0.0,) * 3), CATALOGUE[name](0, values)
+    assert isinstance(curve, LearnedLaw) and isinstance(law, Law)
+    heights = at_knots(curve, law, N=100.0, K=5000.0)
+    assert (heights is None) == (expected is None)
+    if heights is not None and expected is not None:
+        np.testing.assert_allclose(heights, expected)
+
+
+def test_a_name_that_a_curve_of_its_variable_outdoes_is_in_its_heights() -> None:
+    """The drag of an eddy brake falls beyond one speed: no drag by the square of it."""
+    law = "eddy-brake", 2e-3, 5.0
+    tools = bench(*law)
+    named = added(tools, declared(*law), CATALOGUE["motor-quadratic-drag"](JOINT, (1e-6,)))
+    here = [c for c in curves(linearised(named.problem, named.minimum.vector)) if c.effect.port == "motor"]
+    both = added(tools, named, next(c.effect for c in here if getattr(c.effect, "variable", "") == "velocity"))
+    entries = [replace(diagnosed.diagnosis().added[0], effect=e, gain=1.0) for e in both.effects]
+    found, (entry,) = drawn_over(tools, both, declared(*law), both.effects[0], entries, lambda line: None)
+    assert [type(e) for e in found.effects] == [type(entry.effect)]
+    assert entry.effect.name == "unknown" and entry.gain == 2.0
+    assert excess(tools, found) < 1.1
+
+
 def test_a_name_that_curves_outdo_is_drawn_as_a_curve() -> None:
     """The strongest wave of a law of the position is no torque ripple: most of the law is left for a curve beside it."""
     tools = bench("detent", 2e-3, TEETH, 0.4)
     start = declared("detent", 2e-3, TEETH, 0.4)
 
-    def added(state: Fitted, effect: Effect) -> Fitted:
-        size = max(map(abs, effect.values))
-        more = (*state.effects, effect), (*state.scales, *(size,) * len(effect.values))
-        limits = (*state.limits, *((-np.inf, np.inf),) * len(effect.values))
-        return fitted(tools, Refit(np.concatenate([state.minimum.vector, effect.values]), *more, limits))
-
-    named = added(start, CATALOGUE["torque-ripple"](JOINT, (1e-4, 2.0 * TEETH, 0.0)))
+    named = added(tools, start, CATALOGUE["torque-ripple"](JOINT, (1e-4, 2.0 * TEETH, 0.0)))
     lin = linearise(named.problem, named.minimum.vector, hold(named.problem, named.minimum.vector))
-    both = added(named, curves(lin)[0].effect)
+    both = added(tools, named, curves(lin)[0].effect)
     gains = (start.select - named.select, named.select - both.select)
     entry = diagnosed.diagnosis().added[0]
     entries = [replace(entry, effect=e, gain=gain) for e, gain in zip(both.effects, gains, strict=True)]

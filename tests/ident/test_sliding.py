@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.sliding import FELT, LEFT, MOST_DENSE, SOON, TURNS, Where, along_tangent, in_turns
+from ident.sliding import FELT, LEFT, MOST_DENSE, SOON, TURNS, Where, along_tangent, in_turns, settled
 
 S, OWN, DAMPING = 4096, 90.3, 0.1
 RNG = np.random.default_rng(5)
@@ -73,3 +73,11 @@ def test_the_motion_is_that_which_friction_leaves(level: float, turns: int) -> N
     gives[lines] = Y
     left = v - np.fft.irfft(spectrum - gives * force, S)
     assert np.linalg.norm(left) < 1e-2 * np.linalg.norm(v)
+
+
+def test_turns_that_run_away_end_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
+    """Of what overflows LAPACK says, beside all output, that it is no number."""
+    changes = iter([size * RNG.normal(size=8) for size in (1.0, 1.0, 1e90, 1e180, np.nan)])
+    with np.errstate(all="ignore"):
+        w = settled(lambda w: next(changes), np.ones(8), TURNS)
+    assert len(w) == 8 and capfd.readouterr() == ("", "")
