@@ -81,7 +81,7 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str =
         now = signals(wide, effects, motion)
         on = _forces(wide, now, Moved(motion, None))
         if scene.slopes is not None:
-            second = _second_order(scene, p, effects, links[inside])
+            second = second_order(scene, p, effects, links[inside])
             on["link"][inside] += second
         if forceful:
             misread = {k: float(error.mean()) for (port, k), error in now.items() if port == "reading"}
@@ -302,7 +302,7 @@ def _diagonal(values: Complex) -> Complex:
     return np.asarray(values[..., None] * np.eye(values.shape[1]))
 
 
-def _second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], links: Complex) -> Complex:
+def second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], links: Complex) -> Complex:
     """Forces [L, m] on the links of second order in their angles [L, m]: Coriolis, centrifugal, what J and gravity change by, and
     what comes back from a structure that gives."""
     scene, live = replace(scene.narrow, oversampled=OF_PRODUCTS), scene.arm.live

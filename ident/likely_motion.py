@@ -109,6 +109,15 @@ class LikelyMotion:
         error = (self.scene.theta - self.predicted(on)[0])[self.inside]
         return 2.0 * float(np.einsum("li,lij,lj->", error.conj(), self.certainty[self.inside], error).real)
 
+    def with_second(self, second: Complex) -> tuple[LikelyMotion, float]:
+        """The same with other rigid-body forces of second order at the lines of the band [L, m], and chi^2 of what these move the angles
+        by beyond those before."""
+        rigid = np.zeros_like(self.second)
+        rigid[self.inside] = second
+        moves = _times(self.on_link, rigid - self.second)[self.inside]
+        felt = np.einsum("li,lij,lj->", moves.conj(), self.certainty[self.inside], moves).real
+        return replace(self, second=rigid), 2.0 * float(felt)
+
     @property
     def degrees(self) -> int:
         """Real numbers measured in the band."""

@@ -13,7 +13,7 @@ from itertools import chain, islice
 
 import numpy as np
 
-from ident.acting import Moved, Slid, signals, slope
+from ident.acting import Moved, Slid, second_order, signals, slope
 from ident.arm_model import Parameters, Sampling
 from ident.campaign import Array
 from ident.effects.base import Effect, Law, PeriodicLaw
@@ -34,6 +34,8 @@ SAME = 1e-4
 STEPS, SETTLED, DAMPED, BEHIND = 20, 1e-4, (0.5, 2.0, 0.125), 0.25
 #: Dry friction stops a joint within so small a part of a sample that it takes so many times as many.
 STOPS = 2
+#: chi^2 of what the motion changes by where forces of second order are those of it, below which it is not found again.
+FELT = 1.0
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
 #: chi^2 per degree of freedom below which no other force is looked for; nor, of one that rattles, another period, and these at most,
@@ -99,11 +101,18 @@ def _smoothed(
         misfit = arm.misfit(on)
         if misfit < least:
             best, least = on, misfit
-        if all(now.near(on[key], SAME) for key, now in before.items()) or (rubbing and len(on) == 1):
+        agree = all(now.near(on[key], SAME) for key, now in before.items()) or (bool(rubbing) and len(on) == 1)
+        if start.second is not None:  # told by a motion under forces that followed from what was measured
+            links = arm.likely(best)[1][arm.inside]
+            arm, felt = arm.with_second(second_order(scene, p, effects, links))
+            least = arm.misfit(best)
+            agree = agree and (felt < FELT or turns < TURNS)
+        if agree:
             break
     motion = arm.moving(best)
     return replace(
-        start, motion=motion, found={key: force.lines[arm.inside] for key, force in best.items()},
+        start, motion=motion, second=None if start.second is None else arm.second[arm.inside],
+        found={key: force.lines[arm.inside] for key, force in best.items()},
         base=signals(arm.scene, effects, motion),
         springy={(port, k): motion.at(port, int(scene.arm.live[k]))[0] for port, k in springy},
         rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing}, slid=slid,
