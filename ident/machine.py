@@ -65,6 +65,8 @@ class Machine:
         acting = {law.joint for law in arm.laws}
         self._moving = [(k, joint) for k, joint in enumerate(arm.live) if self._driven or joint.index in acting]
         self._W: list[list[float]] = []
+        self._by_motors: list[list[float]] = []
+        self._pulls: list[float | None] = [None] * len(self._ports)
         self._away = np.zeros(2 * model.nv + len(arm.live))
         self._done = 0
         self._last: list[float] = preload
@@ -174,11 +176,21 @@ class Machine:
                 mujoco.mj_forward(self._model, data)
                 a = data.qacc.tolist()
         if self._ports:
+            self._foresee(a)
             torques(self._ports, v, a, self._W, h)
             for port_ in self._ports:
                 for dof, factor in port_.push:
                     applied[dof] += factor * port_.F
         data.qfrc_applied[:] = applied
+
+    def _foresee(self, a: Sequence[float]) -> None:
+        """Tells each port how its acceleration without its torque grows, as it has grown since the last step; what the motors' own torques do
+        jumps where these are held, and is left out."""
+        ctrl = self._data.ctrl.tolist()
+        for k, port in enumerate(self._ports):
+            pull = port.velocity(a) - sum(by * torque for by, torque in zip(self._by_motors[k], ctrl, strict=True))
+            port.more = 0.0 if self._pulls[k] is None else (pull - self._pulls[k]) / self._h
+            self._pulls[k] = pull
 
     def _make_up(self, missing: Iterable[tuple[int, float]]) -> None:
         """Takes the arm to where forces that are not even over the step have brought it: (degree of freedom, N m s2 too little)."""
@@ -202,16 +214,19 @@ class Machine:
             state.spring = -joint.drive.K * spring - joint.drive.D_spring * s
 
     def _share(self) -> None:
-        """Brings up to date what a torque at each port does to the velocity at every other."""
+        """Brings up to date what a torque at each port, and at each motor, does to the velocity at every port."""
         mass = mass_matrix(self._model, self._data)
-        pushes = np.zeros((len(mass), len(self._ports)))
+        pushes, motors = np.zeros((len(mass), len(self._ports))), np.zeros((len(mass), len(self._live)))
         rates = np.zeros((len(self._ports), len(mass)))
         for k, port in enumerate(self._ports):
             for dof, factor in port.push:
                 pushes[dof, k] = factor
             for dof, factor in port.rate:
                 rates[k, dof] = factor
+        for k, joint in enumerate(self._live):
+            motors[joint.motor, k] = joint.drive.N
         self._W = (rates @ np.linalg.solve(mass, pushes)).tolist()
+        self._by_motors = (rates @ np.linalg.solve(mass, motors)).tolist()
 
 
 def _ports(

@@ -23,7 +23,7 @@ _PARTS, _SMALL = 16, 1e-5
 class Port:
     """The laws at one port of one joint, and what turns their torque F into motion: `push` (generalised force [nv] as
     (index, factor)) and `rate`, the velocity there as (index, factor); `name` of the velocity in the state; by how much it is
-    `ahead` at the end of the step of where an even force takes it."""
+    `ahead` at the end of the step of where an even force takes it. Without its torque it is accelerated `more` every second."""
 
     state: State
     name: str
@@ -32,6 +32,7 @@ class Port:
     rate: tuple[tuple[int, float], ...]
     F: float = 0.0
     ahead: float = 0.0
+    more: float = 0.0
 
     def torque(self, rate: float) -> float:
         """The torque of its laws when its velocity is `rate`."""
@@ -79,9 +80,10 @@ def _solved(port: Port, v: float, a: float, W: float, h: float) -> float:
     """The torque F = law(rate) of one port: at the velocity half-way; where that is stiff or the velocity turns, the mean over
     the step."""
     half, port.ahead = 0.5 * h, 0.0
-    rate_1 = v + half * (a + W * port.F)
+    soon = a + 0.5 * half * port.more  # on the mean, until half-way
+    rate_1 = v + half * (soon + W * port.F)
     F_1 = port.torque(rate_1)
-    rate_2 = v + half * (a + W * F_1)
+    rate_2 = v + half * (soon + W * F_1)
     F_2 = port.torque(rate_2)
     end = 2.0 * rate_2 - v
     settled = abs(F_2 - F_1) <= _FIXED * abs(F_2)
@@ -89,25 +91,25 @@ def _solved(port: Port, v: float, a: float, W: float, h: float) -> float:
         return F_2
     gain = 0.0 if settled else half * W * (F_2 - F_1) / (rate_2 - rate_1)
     if not settled and abs(gain) < 0.5:
-        rate = rate_2 + (v + half * (a + W * F_2) - rate_2) / (1.0 - gain)  # where the tangent has it
+        rate = rate_2 + (v + half * (soon + W * F_2) - rate_2) / (1.0 - gain)  # where the tangent has it
         F = port.torque(rate)
-        if abs(v + half * (a + W * F) - rate) <= _NEAR * abs(half * W * F) and v * (2.0 * rate - v) >= 0.0:
+        if abs(v + half * (soon + W * F) - rate) <= _NEAR * abs(half * W * F) and v * (2.0 * rate - v) >= 0.0:
             return F
     return _through(port, v, a, W, h)
 
 
 def _through(port: Port, v: float, a: float, W: float, h: float) -> float:
-    """The mean torque while the velocity goes as rate' = a + W law(rate), in parts of the step, each exact for the law's tangent
-    (exponential Rosenbrock-Euler: M. Hochbruck, A. Ostermann, Acta Numerica 19 (2010), DOI 10.1017/S0962492910000048)."""
+    """The mean torque while the velocity goes as rate' = a + more t + W law(rate), in parts of the step, each exact for the law's
+    tangent (exponential Rosenbrock-Euler: M. Hochbruck, A. Ostermann, Acta Numerica 19 (2010), DOI 10.1017/S0962492910000048)."""
     part, near = h / _PARTS, 1e-7 * (abs(v) + h * abs(a)) + 1e-300
     rate = v
     travel = 0.0
-    for _ in range(_PARTS):
+    for k in range(_PARTS):
         F = port.torque(rate)
-        pull = a + W * F
+        pull = a + port.more * (k + 0.5) * part + W * F
         z = part * W * (port.torque(rate + near) - F) / near
         grown = expm1(z) / z if abs(z) > _SMALL else 1.0 + 0.5 * z
         travel += part * (rate + part * pull * ((grown - 1.0) / z if abs(z) > _SMALL else 0.5 + z / 6.0))
         rate += part * pull * grown
-    port.ahead = travel - 0.5 * h * (v + rate)
-    return ((rate - v) / h - a) / W
+    port.ahead = travel - 0.5 * h * (v + rate) + port.more * h**3 / 12.0
+    return ((rate - v) / h - a - 0.5 * h * port.more) / W
