@@ -29,8 +29,9 @@ from ident.scene import Scene, known, linear_extra
 TRUST, DOUBT = 1e-4, 0.3
 #: Samples a period per line where all that is of second order is products of two signals: none of theirs falls back on a line.
 OF_PRODUCTS = 3
-#: A joint that is farther from its posture [rad] on the mean, all through a record, is told by another zero.
-ASIDE = 0.05
+#: A joint that is farther from its posture [rad] on the mean is told by another zero; one that is nearer than this share of what its spring
+#: is wound by may be there by a spring that is not known that well.
+ASIDE, SAGS = 0.05, 0.3
 #: Times the forces are computed from the links that they move.
 PASSES = 2
 
@@ -83,7 +84,7 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str =
         now = signals(wide, effects, motion)
         on = _forces(wide, now, Moved(motion, None))
         if scene.slopes is not None:
-            second = second_order(scene, p, effects, links[inside], motion.rest)
+            second = second_order(scene, p, effects, links[inside], motion)
             on["link"][inside] += second
         if forceful:
             misread = {k: float(error.mean()) for (port, k), error in now.items() if port == "reading"}
@@ -282,8 +283,8 @@ def motion_of(
         "q": (mean_theta / scene.N - twist, q), "q_rate": (still, s * q),
         "deflection": (twist, x - q), "deflection_rate": (still, s * (x - q)), "spring": (carried, spring),
     }  # fmt: skip
-    rest = signals["q"][0]
-    return Motion(1.0 / (scene.f0 * scene.samples), scene.N, p.K, Lined(scene, signals), scene.strays, rest)
+    means = signals["q"][0], twist
+    return Motion(1.0 / (scene.f0 * scene.samples), scene.N, p.K, Lined(scene, signals), scene.strays, means)
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,14 +306,14 @@ def _diagonal(values: Complex) -> Complex:
     return np.asarray(values[..., None] * np.eye(values.shape[1]))
 
 
-def second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], links: Complex, rest: Array | None) -> Complex:
-    """Forces [L, m] on the links of second order in their angles [L, m], that swing about `rest` [n], else about the posture: Coriolis,
+def second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], links: Complex, motion: Motion) -> Complex:
+    """Forces [L, m] on the links of second order in their angles [L, m] about the posture, beside which the `motion` may be: Coriolis,
     centrifugal, what J and gravity change by, and what comes back from a structure that gives."""
     scene, live = replace(scene.narrow, oversampled=OF_PRODUCTS), scene.arm.live
     assert scene.slopes is not None
     dJ, dK = scene.slopes[0] @ p.alpha, scene.slopes[1] @ p.gravity  # [k, i, j]
     q, v, a = (scene.in_time(scene.s[:, None] ** order * links) for order in range(3))
-    q = q + _aside(scene, effects, rest)
+    q = q + _aside(scene, effects, motion)
     force = scene.at_lines(of_second_order(dJ, dK, q, v, a))
     giving = [e for e in effects if overrides(e, "second_order")]
     if giving:
@@ -324,12 +325,13 @@ def second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], links: 
     return force
 
 
-def _aside(scene: Scene, effects: Sequence[Effect], rest: Array | None) -> Array:
-    """How far live links that swing about `rest` [n] are from the posture [m], beside which an effect may have put them: stuck, or in
-    another tooth. Not where an encoder reads from another zero than the posture is told by."""
+def _aside(scene: Scene, effects: Sequence[Effect], motion: Motion) -> Array:
+    """How far the live links are from the posture [m] on the mean, beside which an effect may have put them: stuck, or in another tooth.
+    Not where a spring that is stiffer or softer would have them there, or the encoder reads from another zero than the posture is told by."""
     live = scene.arm.live
-    if rest is None:
+    if motion.means is None:
         return np.zeros(len(live))
+    rest, sag = motion.means
     offset = sum((effect.posture(scene.posture) - scene.posture for effect in effects), np.zeros(scene.n))
-    aside = (rest + offset - scene.posture)[live]
-    return np.where(np.abs(aside) < ASIDE, aside, 0.0)
+    aside = rest + offset - scene.posture
+    return np.where((np.abs(aside) > SAGS * np.abs(sag)) & (np.abs(aside) < ASIDE), aside, 0.0)[live]

@@ -103,8 +103,8 @@ def _smoothed(
             best, least = on, misfit
         agree = all(now.near(on[key], SAME) for key, now in before.items()) or (bool(rubbing) and len(on) == 1)
         if start.second is not None:  # told by a motion under forces that followed from what was measured
-            links, rest = arm.likely(best)[1][arm.inside], arm.moving(best).rest
-            arm, felt = arm.with_second(second_order(scene, p, effects, links, rest))
+            links = arm.likely(best)[1][arm.inside]
+            arm, felt = arm.with_second(second_order(scene, p, effects, links, arm.moving(best)))
             least = arm.misfit(best)
             agree = agree and (felt < FELT or turns < TURNS)
         if agree:

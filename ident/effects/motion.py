@@ -87,8 +87,8 @@ class Motion:
     """How all n joints move in one record: one period, samples `dt` [s] apart, gear ratios `N` and springs' stiffness `K` [n].
 
     `tell` gives a signal [S] by its name, as in `State`, and the joint; what cannot be known is zero (a clamped joint). `strays` gives
-    how much faster [M, S] a port of a joint is in each of M periods; None where all are one. On the mean the links are at `rest` [n, rad];
-    None where nobody knows.
+    how much faster [M, S] a port of a joint is in each of M periods; None where all are one. `means` are those of all links and deflections
+    [n, rad]; None where nobody knows.
     """
 
     dt: float
@@ -96,7 +96,7 @@ class Motion:
     K: Array
     tell: Callable[[str, int], Array]
     strays: Callable[[str, int], Array | None] = lambda port, joint: None
-    rest: Array | None = None
+    means: tuple[Array, Array] | None = None
     _told: dict[tuple[str, int], Array] = field(default_factory=dict)
     _astray: dict[tuple[str, int], Astray | None] = field(default_factory=dict)
 
