@@ -421,12 +421,12 @@ def test_a_law_at_the_knots_of_a_curve_of_all_that_it_follows_from(
 def test_a_name_that_a_curve_of_its_variable_outdoes_is_in_its_heights() -> None:
     """The drag of an eddy brake falls beyond one speed: no drag by the square of it."""
     law = "eddy-brake", 2e-3, 5.0
-    tools = bench(*law)
-    named = added(tools, declared(*law), CATALOGUE["motor-quadratic-drag"](JOINT, (1e-6,)))
+    tools, alone = bench(*law, rests=NEAR), declared(*law, rests=NEAR)
+    named = added(tools, alone, CATALOGUE["motor-quadratic-drag"](JOINT, (1e-6,)))
     here = [c for c in curves(linearised(named.problem, named.minimum.vector)) if c.effect.port == "motor"]
     both = added(tools, named, next(c.effect for c in here if getattr(c.effect, "variable", "") == "velocity"))
     entries = [replace(diagnosed.diagnosis().added[0], effect=e, gain=1.0) for e in both.effects]
-    found, (entry,) = drawn_over(tools, both, declared(*law), both.effects[0], entries, lambda line: None)
+    found, (entry,) = drawn_over(tools, both, alone, both.effects[0], entries, lambda line: None)
     assert [type(e) for e in found.effects] == [type(entry.effect)]
     assert entry.effect.name == "unknown" and entry.gain == 2.0
     assert excess(tools, found) < 1.1
