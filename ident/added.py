@@ -109,7 +109,8 @@ def pruned(
 def drawn_over(
     bench: Bench, state: State, less: State, named: Effect, added: list[Added], progress: Callable[[str], None]
 ) -> tuple[State, list[Added]]:
-    """The model with a curve in a name's place, if one does as well; `less` is the one without the name."""
+    """The model with a name in the heights of the last curve, or another curve in its place, if either does as well; `less` is the one
+    without the name."""
     if (flat := _flat(named)) is not None:
         effects = tuple(flat if same(e, named) else e for e in state.effects)
         problem = bench.problem(state.problem.data, effects, state.scales, state.limits)

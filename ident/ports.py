@@ -111,7 +111,6 @@ def _through(port: Port, v: float, a: float, W: float, h: float) -> float:
         grown = expm1(z) / z if abs(z) > _SMALL else 1.0 + 0.5 * z
         travel += part * (rate + part * pull * ((grown - 1.0) / z if abs(z) > _SMALL else 0.5 + z / 6.0))
         rate += part * pull * grown
-    port.ahead = (
-        travel - 0.5 * h * (v + rate) + port.more * (h**3 - _PARTS * part**3) / 12.0
-    )  # parts hold a pull that grows
+    grew = port.more * (h**3 - _PARTS * part**3) / 12.0  # what an even force's travel has too much, parts' too
+    port.ahead = travel - 0.5 * h * (v + rate) + grew
     return ((rate - v) / h - a - 0.5 * h * port.more) / W

@@ -35,7 +35,7 @@ STEPS, SETTLED, DAMPED, BEHIND = 20, 1e-4, (0.5, 2.0, 0.125), 0.25
 #: Dry friction stops a joint within so small a part of a sample that it takes so many times as many.
 STOPS = 2
 #: chi^2 of what the motion changes by where forces of second order are those of it, below which it is not found again.
-FELT = 1.0
+MOVED = 1.0
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
 #: chi^2 per degree of freedom below which no other force is looked for; nor, of one that rattles, another period, and these at most,
@@ -106,7 +106,7 @@ def _smoothed(
             links = arm.likely(best)[1][arm.inside]
             arm, felt = arm.with_second(second_order(scene, p, effects, links, arm.moving(best)))
             least = arm.misfit(best)
-            agree = agree and (felt < FELT or turns < TURNS)
+            agree = agree and (felt < MOVED or turns < TURNS)
         if agree:
             break
     motion = arm.moving(best)

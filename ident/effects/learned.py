@@ -172,10 +172,11 @@ def at_knots(curve: LearnedLaw, law: Law, N: float, K: float) -> Array | None:
     kind, knots = KINDS[curve.variable], np.asarray(curve.knots)
     if kind.times or curve.period is not None:
         return None
-    signals = dict(zip(("position", "velocity"), AT[curve.port][:2], strict=False)) | {"load": "spring", "drive": "tau"}
-    load = curve.port == "motor" and kind.of == "load"  # that is motor side
-    known = {signals[kind.of]: N * knots if load else knots}
-    force = np.asarray(law.law(Told(lambda name: known.get(name, np.full(len(knots), np.nan)), N, K)))
+    position, velocity, _ = AT[curve.port]
+    asked = {"position": position, "velocity": velocity, "load": "spring", "drive": "tau"}[kind.of]
+    known = N * knots if (curve.port, kind.of) == ("motor", "load") else knots  # that is told motor side
+    nothing = np.full(len(knots), np.nan)
+    force = np.asarray(law.law(Told(lambda name: known if name == asked else nothing, N, K)))
     return force if force.shape == knots.shape and np.isfinite(force).all() else None
 
 
