@@ -23,6 +23,7 @@ from ident.effects.base import Effect, Swing, has_forces, overrides
 from ident.effects.motion import Motion
 from ident.effects.sway import of_second_order
 from ident.frf import Complex
+from ident.inverses import inverses
 from ident.scene import Scene, known, linear_extra
 
 #: Error of every equation, relative to the torque in it; and of that in which a force acts that is not known well.
@@ -254,7 +255,7 @@ def _motion(
     A = np.concatenate([w[..., None] * row for w, row, _ in rows], axis=1)
     right = np.concatenate([w * value for w, _, value in rows], axis=1)[..., None]
     adjoint = np.swapaxes(A.conj(), 1, 2)
-    q = np.asarray(np.linalg.solve(adjoint @ A, adjoint @ right)[..., 0], dtype=complex)
+    q = np.asarray((inverses(adjoint @ A) @ (adjoint @ right))[..., 0], dtype=complex)
     by_links = (links @ q[..., None])[..., 0] - by_link
     spring = np.asarray((a * by_motor + b * (by_spring - K * q) + c * by_links) / total, dtype=complex)
 

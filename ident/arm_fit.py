@@ -84,6 +84,11 @@ class Problem:
         return np.array([False] * self.base + of_effects)
 
     @cached_property
+    def springs(self) -> NDArray[np.bool_]:
+        """Which parameters [P] are logarithms of stiffnesses of joints beside which something gives, too: what both give adds up."""
+        return (np.arange(len(self.scale)) < self.n) & self.giving.any()
+
+    @cached_property
     def dampings(self) -> NDArray[np.bool_]:
         """Which parameters [P] are logarithms of dampings."""
         k = np.arange(len(self.scale))

@@ -173,8 +173,9 @@ def _bend(sums: Sums, vector: Array, step: Array, information: Array, damping: f
     with np.errstate(all="ignore"):  # a bend beyond numbers is none
         bend, size = 0.5 * _step(problem, vector, pushed, information, damping), np.sqrt(np.diag(information))
         small = np.linalg.norm(size * bend) < BEND * np.linalg.norm(size * step)
-    softer = problem.giving & (step < 0.0)
-    bend[softer] -= problem.scale[softer] * step[softer] ** 2 / vector[softer]
+    gives, springs = problem.giving, problem.springs
+    bend[gives] -= problem.scale[gives] * step[gives] ** 2 / vector[gives]
+    bend[springs] -= 0.5 * problem.scale[springs] * step[springs] ** 2
     return bend if small else np.zeros_like(bend)
 
 
@@ -214,7 +215,13 @@ def _taken(problem: Problem, vector: Array, step: Array) -> Array:
     that grows more than e-fold by as much as it, not its logarithm, is to."""
     far = problem.dampings & (step > 1.0)
     change = problem.scale * np.where(far, 1.0 + np.log(np.where(far, step, 1.0)), step)
-    softer = problem.giving & (change < 0.0)
     after = vector + change
-    after[softer] = vector[softer] / (1.0 - change[softer] / vector[softer])
+    gives, springs = problem.giving, problem.springs
+    after[gives] = vector[gives] * _by_compliance(change[gives] / vector[gives])
+    after[springs] = vector[springs] + np.log(_by_compliance(change[springs]))
     return np.asarray(np.clip(after, problem.low, problem.high))
+
+
+def _by_compliance(change: Array) -> Array:
+    """Times as stiff as before, where the compliance falls by a share `change` of itself; beyond half of it, as stiffly as there."""
+    return np.where(change < 0.5, 1.0 / (1.0 - np.minimum(change, 0.5)), 4.0 * change)

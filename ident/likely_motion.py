@@ -184,4 +184,4 @@ class LikelyMotion:
 
 def _times(matrix: Complex, vector: Complex) -> Complex:
     """Matrices [L, m, m] times vectors [L, m]."""
-    return np.asarray((matrix @ vector[..., None])[..., 0])
+    return np.asarray(np.einsum("lij,lj->li", matrix, vector))

@@ -51,7 +51,7 @@ SHOWN_AT, MUCH_LESS = 8, 0.5
 BY_CURVE = 3
 #: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
 PATIENT, STILL = 8, 0.9
-#: Times what it left that a model leaves which came back to where it was, from the declared arm.
+#: Times what a model leaves that it leaves, at most, where it comes back to where it was, from the declared arm.
 BACK = 1.05
 #: Times that it is told by how much links are off.
 TOLD_ANEW = 3
@@ -260,24 +260,30 @@ def _until_nothing(bench: Bench, refits: Sequence[Refit]) -> list[State]:
 
 def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
     """The model, or a better one fitted from the declared arm, at once or by a detour: what was missing has led this one far astray."""
-    # what is told by fewer samples may leave more
-    here = state if state.roughly >= FINELY else fitted(bench, Refit.of(state))
-    declared = replace(Refit.of(state), vector=as_declared(bench, state))
+    here, declared = Refit.of(state), replace(Refit.of(state), vector=as_declared(bench, state))
+    hastily = fitted(bench, replace(here, roughly=HASTILY))
     for doubts in ((), DOUBTS):
-        other = fitted(bench, replace(declared, doubts=doubts))
-        back = here.select / BACK < other.select < BACK * here.select
+        other = fitted(bench, replace(declared, roughly=HASTILY, doubts=doubts))
+        if _as_much(hastily, other):
+            break
+        other = fitted(bench, Refit.of(other))
+        # what is told by fewer samples may leave more
+        back = _as_much(state if state.roughly >= FINELY else fitted(bench, here), other)
         if not back:
             other = _closely(bench, Refit.of(other), min(excess(bench, other), excess(bench, state)))
         if other.select < state.select:
             progress(f"  from the declared arm again: {excess(bench, other):.4g}")
             state = other
-        if excess(bench, state) <= NAMED or bench.late:
-            return state
-        if back:
+        if back or excess(bench, state) <= NAMED or bench.late:
             break
-    if not isinstance(state.effects[-1], Carrying):
+    if not isinstance(state.effects[-1], Carrying) or excess(bench, state) <= NAMED or bench.late:
         return state
     return _closely_if_new(bench, state, _carrying(bench, state))
+
+
+def _as_much(state: State, other: State) -> bool:
+    """Whether two models, fitted alike, leave nearly the same."""
+    return state.select / BACK < other.select < BACK * state.select
 
 
 def winds_up(effect: Effect) -> bool:

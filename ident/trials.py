@@ -111,11 +111,12 @@ def hasty(
         yield _from_fitted(bench, state, lin, first, progress)
     else:
         tried = _from_fitted(bench, state, lin, first, progress)
-        if _explaining(bench, tried, first) is None:
-            tried += _bending(bench, state, lin, progress)
-        found = _explaining(bench, tried, first)
-        if found is None or only_impedance(found):
-            tried += _from_declared(bench, state, found, progress)
+        if not (_drawn_whole(bench, tried) or _unbent(bench, state, tried)):
+            if _explaining(bench, tried, first) is None:
+                tried += _bending(bench, state, lin, progress)
+            found = _explaining(bench, tried, first)
+            if found is None or only_impedance(found):
+                tried += _from_declared(bench, state, found, progress)
         yield tried
 
 
@@ -134,6 +135,20 @@ def _explaining(bench: Bench, tried: Sequence[Tried], first: float) -> Effect | 
     """The effect of the best name, if it explains the records."""
     name = min((one for one in tried if not is_curve(one)), key=left_by, default=None)
     return None if name is None or not explains(bench, name[1], first, CLOSE**2) else name[0].effect
+
+
+def _drawn_whole(bench: Bench, tried: Sequence[Tried]) -> bool:
+    """Whether a curve of a force is the only one of `tried` that leaves nothing: its name, if it has one, is looked for where it is."""
+    best = min(tried, key=left_by, default=None)
+    return best is not None and is_curve(best) and has_forces(best[1].effects[-1]) and excess(bench, best[1]) <= NAMED
+
+
+def _unbent(bench: Bench, state: State, tried: Sequence[Tried]) -> bool:
+    """Whether a force leaves little beside what any other name does, and the model without: the arm was hardly bent."""
+    named, dof = best_names(tried), degrees(bench.split.select)
+    if len(named) < 2 or not only_forces(named[0][0].effect) or excess(bench, named[0][1]) > CLOSE:
+        return False
+    return left_by(named[0]) - dof < REST * (min(left_by(named[1]), state.select) - dof)
 
 
 def _from_fitted(
@@ -310,6 +325,8 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     if likeliest is not best_name and (other := _other_whole(bench, likeliest[1], progress)) is not likeliest[1]:
         found = [(one[0], other) if one is likeliest else one for one in found]
         best_name = best_names(found)[0]
+    if _drawn_whole(bench, found):
+        return found
     better = wound_up(bench, _otherwise(bench, best_name[1], progress), progress)
     far = not explains(bench, better, first) or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
     curve = min((left_by(one) for one in found if is_curve(one)), default=np.inf)
@@ -393,7 +410,8 @@ def of_any_order(bench: Bench, one: Tried, progress: Callable[[str], None]) -> T
         return one
     plain, lin = standing(bench, one[1], but_last(one[1]))
     waves = [wave(lin, port, effect.joint, effect["order"] + NEXT, bench.workers) for port in ("motor", "link")]
-    tried = refitted(bench, plain, [(c, lin) for c in waves if c is not None], progress)
+    likely = [c for c in waves if c is not None and c.gain > HARDLY * _left(plain, lin)]
+    tried = refitted(bench, plain, [(c, lin) for c in likely], progress)
     best = min(tried, key=left_by, default=one)
     best = one if best is one else (best[0], fully(bench, best[1]))  # as closely as the name it is compared with
     much = max(LEAST_GAIN, ANOTHER * degrees(bench.split.select))
