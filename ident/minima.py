@@ -160,7 +160,7 @@ def _carrying_as_shown(bench: Bench, state: State) -> State:
     vectors = [as_declared(bench, state)[: len(found)], found]
     starts = [replace(refit, vector=np.concatenate([vector, np.zeros(more)])) for vector in vectors]
     new = lowest(bench, starts)
-    if excess(bench, new) > NAMED:
+    if NAMED < excess(bench, new) < FALLING * excess(bench, state):
         base = state.problem.base
         anew = [
             replace(refit, vector=np.concatenate([as_declared(bench, state)[:base], values]))
@@ -262,13 +262,14 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
     """The model, or a better one fitted from the declared arm, at once or by a detour: what was missing has led this one far astray."""
     here, declared = Refit.of(state), replace(Refit.of(state), vector=as_declared(bench, state))
     hastily = fitted(bench, replace(here, roughly=HASTILY))
+    finely = state if state.roughly >= FINELY else None  # what is told by fewer samples may leave more
     for doubts in ((), DOUBTS):
         other = fitted(bench, replace(declared, roughly=HASTILY, doubts=doubts))
         if _as_much(hastily, other):
             break
         other = fitted(bench, Refit.of(other))
-        # what is told by fewer samples may leave more
-        back = _as_much(state if state.roughly >= FINELY else fitted(bench, here), other)
+        finely = finely or fitted(bench, here)
+        back = _as_much(finely, other)
         if not back:
             other = _closely(bench, Refit.of(other), min(excess(bench, other), excess(bench, state)))
         if other.select < state.select:

@@ -14,6 +14,7 @@ from ident.departures import errors
 from ident.effects.base import Effect, has_forces
 from ident.gains import named_gains
 from ident.minima import LEAST_GAIN, fully, since, told
+from ident.naming import of_any_order, plainer
 from ident.parts import degrees, sampled
 from ident.refits import (
     BY_ALL,
@@ -39,9 +40,7 @@ from ident.trials import (
     explains,
     giving,
     hasty,
-    of_any_order,
     outshines,
-    plainer,
     polished,
     refitted,
     resting,
@@ -201,7 +200,7 @@ def _best(
         tried += more
         best = chosen(bench, tried, state.select) or best
     alike = [best, *rivals(bench, tried, best)]
-    closely = [(one[0], fully(bench, one[1])) for one in alike]
+    closely = [one if one is leader else (one[0], fully(bench, one[1])) for one in alike]
     for one in closely[1:]:
         progress(f"  as closely, {told(one[1].effects[-1])}: {one[1].select:.6g} and {closely[0][1].select:.6g}")
     best = closely[0] if len(closely) == 1 else plainest(bench, closely, 0.0)

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ident.candidates import Candidate, best_of, bounds, catalogue, larger, nearer, otherwise, units
-from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by, plainest
+from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by
 from ident.contact import as_it_creeps, balanced, besides
-from ident.curves import curves, responses, wave
+from ident.curves import curves, responses
 from ident.effects.base import Effect, has_forces, only_forces, only_impedance, overrides
 from ident.effects.catalogue import CATALOGUE
 from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
@@ -53,8 +53,6 @@ BENT = 100.0
 AHEAD = 0.03
 #: A force that a curve leaves so far behind is not looked for where it is some other size, nor names that promised much besides.
 UNLIKELY = 0.1
-#: Times what a law leaves that a plainer one leaves in haste that is not it.
-HOPELESS = 10.0
 #: Candidates fitted finely before one is chosen.
 FINALISTS = 3
 #: Share of what was in excess without effects below which nothing more is looked for once little is left; where much is, an
@@ -62,8 +60,6 @@ FINALISTS = 3
 ENOUGH, REST = 3e-3, 0.2
 #: Share of a small rest that an effect must promise to be tried; of what friction leaves, that a law beside it may leave to be it.
 MOST, HALF = 0.5, 0.5
-#: Orders beyond a whole one up to which another is looked for; chi^2 per degree of freedom that it must leave less.
-NEXT, ANOTHER = 2.0, 0.02
 
 
 def explains(bench: Bench, state: State, first: float, near: float = CLOSE) -> bool:
@@ -122,11 +118,13 @@ def hasty(
 
 def resting(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
     """The names that promise most of the little that known effects leave, hastily refitted."""
-    likely = [c for c in catalogue(lin, state.effects, bench.workers)[:FINALISTS] if c.gain > MOST * _left(state, lin)]
+    likely = [
+        c for c in catalogue(lin, state.effects, bench.workers)[:FINALISTS] if c.gain > MOST * beyond_noise(state, lin)
+    ]
     return refitted(bench, state, [(c, lin) for c in likely], progress)
 
 
-def _left(state: State, lin: Linearised) -> float:
+def beyond_noise(state: State, lin: Linearised) -> float:
     """chi^2 beyond noise on the records that fit."""
     return max(lin.chi2 - degrees(state.problem.data), 1.0)
 
@@ -161,7 +159,7 @@ def _from_fitted(
     if excess(bench, state) <= CLOSE:
         likely = promising(bench, likely, LEAST_SHARE * max(state.select - degrees(bench.split.select), 1.0))
     else:
-        likely = [c for k, c in enumerate(likely) if c.gain > LEAST_SHARE * _left(state, lin) or k < most // 2]
+        likely = [c for k, c in enumerate(likely) if c.gain > LEAST_SHARE * beyond_noise(state, lin) or k < most // 2]
         likely += balanced(lin, state.effects)
     tried = _nearest_finely(bench, refitted(bench, state, [(c, lin) for c in likely], progress), progress)
     tried = as_it_creeps(bench, tried, CLOSE**2, progress)
@@ -197,7 +195,7 @@ def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], 
 def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
     """The likeliest learned curves beyond a model, hastily refitted; frequency responses that promise more than any law, from the
     declared arm, too, if the fit is very far off."""
-    laws, least = curves(lin, bench.workers)[:CURVES], LEAST_SHARE * _left(state, lin)
+    laws, least = curves(lin, bench.workers)[:CURVES], LEAST_SHARE * beyond_noise(state, lin)
     ahead = responses(lin, max([least, *(c.gain for c in laws)]), bench.workers)[:CURVES]
     drawn = [(c, lin) for c in [*laws, *ahead] if c.gain > least]
     if ahead and excess(bench, state) > BENT:
@@ -280,7 +278,9 @@ def outshines(bench: Bench, one: Tried, tried: Sequence[Tried], first: float) ->
     another effect's: of an impedance, as no curve does what it does, more than of a law that leads."""
     dof = degrees(bench.split.select)
     if only_impedance(one[0].effect):
-        return one[1].select - dof < ENOUGH * (first - dof)
+        others = min((left_by(other) for other in tried if other[0].key != one[0].key), default=0.0)
+        leads = left_by(one) <= min(AHEAD * others, LEADING * first)
+        return leads or one[1].select - dof < ENOUGH * (first - dof)
     return _law_leads(tried, first) and excess(bench, one[1]) <= CLOSE**2
 
 
@@ -385,34 +385,3 @@ def _other_whole(bench: Bench, state: State, progress: Callable[[str], None]) ->
     best = fitted(bench, Refit.of(best))
     progress(f"  otherwise, {told(best.effects[-1])}: {excess(bench, best):.4g}")
     return best if best.select < state.select else state
-
-
-def plainer(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
-    """A force that was fitted, or one of fewer parameters at its place that does as much: nobody tries that where the other is far
-    ahead of all that promised most."""
-    effect = one[1].effects[-1]
-    if not has_forces(effect) or effect.numbers < 2:
-        return one
-    plain, lin = standing(bench, one[1], but_last(one[1]))
-    names = catalogue(lin, plain.effects, bench.workers, at=(effect.port, effect.joint))
-    likely = [c for c in names if c.effect.numbers < effect.numbers and c.gain > LIKELY * _left(plain, lin)]
-    tried = refitted(bench, plain, [(c, lin) for c in likely], progress)
-    return plainest(
-        bench, [one, *((c, fully(bench, new)) for c, new in tried if not HOPELESS * left_by(one) < new.select)]
-    )
-
-
-def of_any_order(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
-    """A wave of a whole order in a turn of the motor, near the noise, or one of any order at motor or link that leaves much less: then
-    its name was wrong."""
-    effect = one[1].effects[-1]
-    if all(p.name != "order" for p in effect.parameters) or effect.joint is None or excess(bench, one[1]) > CLOSE:
-        return one
-    plain, lin = standing(bench, one[1], but_last(one[1]))
-    waves = [wave(lin, port, effect.joint, effect["order"] + NEXT, bench.workers) for port in ("motor", "link")]
-    likely = [c for c in waves if c is not None and c.gain > HARDLY * _left(plain, lin)]
-    tried = refitted(bench, plain, [(c, lin) for c in likely], progress)
-    best = min(tried, key=left_by, default=one)
-    best = one if best is one else (best[0], fully(bench, best[1]))  # as closely as the name it is compared with
-    much = max(LEAST_GAIN, ANOTHER * degrees(bench.split.select))
-    return best if left_by(best) < left_by(one) - much else one

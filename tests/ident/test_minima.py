@@ -67,7 +67,8 @@ def test_a_last_descent_whose_motions_no_longer_hold_is_taken_back(
     ("here", "there", "fits", "ends"),
     [
         (2.0, [2.02], 2, 1.5),  # comes back to where it was, told as coarsely: no detour, nothing more closely
-        (2.0, [9.0, 0.9], 5, 0.8),  # a detour leads elsewhere
+        (2.0, [9.0, 2.02, 2.0], 4, 1.5),  # comes back once it is fitted finely
+        (2.0, [9.0, 9.0, 2.0, 0.9, 0.9], 8, 0.8),  # a detour leads elsewhere
     ],
 )
 def test_an_arm_fitted_afresh_that_comes_back_is_not_fitted_closely(

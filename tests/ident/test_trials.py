@@ -10,7 +10,9 @@ import pytest
 import ident.choice
 import ident.finer
 import ident.minima
+import ident.naming
 import ident.trials
+from ident.candidates import Candidate
 from ident.choice import vanished
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
@@ -18,8 +20,9 @@ from ident.effects.learned import learned
 from ident.effects.spring import SpringHardening, TransmissionError
 from ident.effects.structure import AttachedResonator
 from ident.finer import finely, leader_finely
+from ident.naming import of_any_order, plainer
 from ident.refits import FINELY, HASTILY
-from ident.trials import _law_leads, ahead, of_any_order, outshines, plainer, polished
+from ident.trials import _law_leads, ahead, outshines, polished
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -31,9 +34,9 @@ WAVE = TransmissionError(1, (1e-4, 2.0, 0.0))
 @pytest.fixture(autouse=True)
 def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
     BENCH.split = SimpleNamespace(select=())
-    for module in (ident.finer, ident.trials):
+    for module in (ident.finer, ident.trials, ident.naming):
         monkeypatch.setattr(module, "degrees", lambda data: DOF)
-    for module in (ident.finer, ident.trials, ident.minima):
+    for module in (ident.finer, ident.trials, ident.naming, ident.minima):
         monkeypatch.setattr(module, "excess", lambda bench, state: state.select / DOF)
 
 
@@ -126,13 +129,13 @@ def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
     refits = {likely[0].effect.name: likely, unlikely[0].effect.name: unlikely}
     plain = SimpleNamespace(effects=())
     BENCH.workers = 1
-    monkeypatch.setattr(ident.trials, "standing", lambda bench, state, keep: (plain, None))
-    monkeypatch.setattr(ident.trials, "_left", lambda state, lin: 100.0)
-    monkeypatch.setattr(ident.trials, "catalogue", lambda *of, at: [likely[0], unlikely[0]])
+    monkeypatch.setattr(ident.naming, "standing", lambda bench, state, keep: (plain, None))
+    monkeypatch.setattr(ident.naming, "beyond_noise", lambda state, lin: 100.0)
+    monkeypatch.setattr(ident.naming, "catalogue", lambda *of, at: [likely[0], unlikely[0]])
     monkeypatch.setattr(
-        ident.trials, "refitted", lambda bench, state, short, _: [refits[c.effect.name] for c, _ in short]
+        ident.naming, "refitted", lambda bench, state, short, _: [refits[c.effect.name] for c, _ in short]
     )
-    monkeypatch.setattr(ident.trials, "fully", lambda bench, state: state)
+    monkeypatch.setattr(ident.naming, "fully", lambda bench, state: state)
     monkeypatch.setattr(ident.choice, "degrees", lambda data: DOF)
     assert type(plainer(BENCH, found, lambda line: None)[0].effect) is best
 
@@ -153,11 +156,20 @@ def test_a_wave_that_is_not_whole_in_a_turn_of_the_motor_has_no_name(
 ) -> None:
     found = one(name, left)
     BENCH.workers = 1
-    monkeypatch.setattr(ident.trials, "standing", lambda bench, state, keep: (None, None))
-    monkeypatch.setattr(ident.trials, "wave", lambda lin, port, *of: port)
-    monkeypatch.setattr(ident.trials, "refitted", lambda bench, state, short, _: [one(CURVE, hastily) for _ in short])
-    monkeypatch.setattr(ident.trials, "fully", lambda bench, state: one(CURVE, fully)[1])
+    monkeypatch.setattr(ident.naming, "standing", lambda bench, state, keep: (None, None))
+    monkeypatch.setattr(ident.naming, "beyond_noise", lambda plain, lin: 1000.0)
+    promises = {"motor": 10.0, "link": 900.0}
+    monkeypatch.setattr(ident.naming, "wave", lambda lin, port, *of: Candidate(CURVE, promises[port], ()))
+    likely = []
+
+    def refitted(bench: Any, state: Any, short: Any, progress: Any) -> Any:
+        likely.extend(candidate.gain for candidate, _ in short)
+        return [one(CURVE, hastily) for _ in short]
+
+    monkeypatch.setattr(ident.naming, "refitted", refitted)
+    monkeypatch.setattr(ident.naming, "fully", lambda bench, state: one(CURVE, fully)[1])
     assert (of_any_order(BENCH, found, lambda line: None) is found) == is_named
+    assert set(likely) <= {900.0}, "what promises nothing is not tried"
 
 
 def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:
@@ -183,4 +195,5 @@ def test_a_law_far_ahead_that_leaves_little_is_not_measured_by_curves(left: floa
     assert outshines(BENCH, leader, [leader, one(HARD, 800.0)], first) == shines
     assert not outshines(BENCH, leader, [leader, one(HARD, 30.0)], first), "not far ahead"
     impedance = one(AttachedResonator(1, (1e-3, 20.0, 1e-4)), left)
-    assert not outshines(BENCH, impedance, [impedance, one(HARD, 800.0)], first), "more is known of what no curve does"
+    assert outshines(BENCH, impedance, [impedance, one(HARD, 800.0)], first)
+    assert not outshines(BENCH, impedance, [impedance, one(HARD, 100.0)], first), "no curve does what it does"
