@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import product
 
-from ident.candidates import Candidate, units
+from ident.candidates import Candidate, added, units
 from ident.effects.base import Effect, Parameter, only_impedance
 from ident.effects.catalogue import CATALOGUE
 from ident.trace import Linearised
 
 #: Numbers of an impedance, all of them shapes, that are many.
-MANY = 4
+MANY = 2
 #: The least scale of a value.
 TINY = 1e-12
-#: Share of the least and largest plausible stiffness from where one is tried.
+#: Share of the least and largest plausible stiffness from where one is tried; and of one alone, and times as much.
 STIFF = 0.5
 
 
@@ -34,15 +34,16 @@ def bending(lin: Linearised, taken: Sequence[Effect]) -> list[Candidate]:
             unit = units(lin, kind, joint)
             options = [_plausible(p, u) for p, u in zip(kind.parameters, unit, strict=True)]
             effects = [kind(joint, values) for values in product(*options)]
-            found += [
-                Candidate(e, 0.0, tuple(max(abs(v), TINY) for v in e.values)) for e in effects if only_impedance(e)
-            ]
+            effects = [e for e in effects if only_impedance(e) and any(x is not None for x in added(lin, e))]
+            found += [Candidate(e, 0.0, tuple(max(abs(v), TINY) for v in e.values)) for e in effects]
     return found
 
 
 def _plausible(p: Parameter, unit: float) -> tuple[float, ...]:
     if p.whole:
         return p.sizes
+    if p.relative == "K" and len(p.sizes) == 1:
+        return STIFF * p.sizes[0] * unit, p.sizes[0] * unit, p.sizes[0] / STIFF * unit
     if p.relative == "K":
         return STIFF * min(p.sizes) * unit, STIFF * max(p.sizes) * unit
     return (p.sizes[0] * unit,)

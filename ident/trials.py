@@ -13,6 +13,7 @@ from ident.contact import as_it_creeps, balanced, besides
 from ident.curves import curves, responses
 from ident.effects.base import Effect, has_forces, only_forces, only_impedance, overrides
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.structure import LockedJointElasticity
 from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
 from ident.minima import LEAST_GAIN, WOUND, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
 from ident.parts import degrees
@@ -58,8 +59,9 @@ FINALISTS = 3
 #: Share of what was in excess without effects below which nothing more is looked for once little is left; where much is, an
 #: effect that does less has to leave less than this share of it.
 ENOUGH, REST = 3e-3, 0.2
-#: Share of a small rest that an effect must promise to be tried; of what friction leaves, that a law beside it may leave to be it.
-MOST, HALF = 0.5, 0.5
+#: Share of a small rest that an effect must promise to be tried, and one that acts where dry friction does; of what friction leaves, that
+#: a law beside it may leave to be it.
+MOST, BESIDE, HALF = 0.5, 0.05, 0.5
 
 
 def explains(bench: Bench, state: State, first: float, near: float = CLOSE) -> bool:
@@ -117,10 +119,12 @@ def hasty(
 
 
 def resting(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
-    """The names that promise most of the little that known effects leave, hastily refitted."""
-    likely = [
-        c for c in catalogue(lin, state.effects, bench.workers)[:FINALISTS] if c.gain > MOST * beyond_noise(state, lin)
-    ]
+    """The names that promise most of the little that known effects leave, hastily refitted: less of it where dry friction acts."""
+    names, left = catalogue(lin, state.effects, bench.workers), beyond_noise(state, lin)
+    rubs = {(effect.port, effect.joint) for effect in state.effects if effect.dry and excess(bench, state) > NAMED}
+    here = [c for c in names if (c.effect.port, c.effect.joint) in rubs and c.gain > BESIDE * left]
+    likely = [c for c in names[:FINALISTS] if c.gain > MOST * left]
+    likely += [c for c in here[:FINALISTS] if c not in likely]
     return refitted(bench, state, [(c, lin) for c in likely], progress)
 
 
@@ -220,8 +224,10 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
         tried += _bending(bench, state, declared, progress, lambda effect: same(effect, best[0].effect))
     all_at_once = best is not None and best[0].effect.joint is None
     if found is None and not all_at_once and (not tried or excess(bench, min(tried, key=left_by)[1]) > BENT):
-        # a soft base bends the whole arm, and promises nothing from there
-        tried += _bending(bench, state, declared, progress, lambda effect: effect.joint is None)
+        # a soft base, or lock, bends the whole arm, and promises nothing from there
+        tried += _bending(
+            bench, state, declared, progress, lambda e: e.joint is None or isinstance(e, LockedJointElasticity)
+        )
     return as_it_creeps(bench, tried, CLOSE**2, progress)
 
 
