@@ -27,7 +27,21 @@ from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.minima import afresh, elsewhere, settled, winds_up
 from ident.parts import Split, degrees, few_lines, sampled, split, split_lines
-from ident.refits import CLOSE, FEW_SAMPLES, NAMED, Bench, State, all_fitted, excess, first, linearised, same, some
+from ident.refits import (
+    CLOSE,
+    FEW_SAMPLES,
+    NAMED,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    excess,
+    first,
+    fitted,
+    linearised,
+    same,
+    some,
+)
 from ident.rounds import another
 from ident.trials import BENT, ENOUGH, explains
 from ident.unbent import unbent
@@ -118,10 +132,12 @@ class Begun:
         left = _left_over(bench, start, state, added)
         if left and not bench.split.note and not bench.late and _may_bend(bench, start, state):
             by_lines = _by_lines(bench, data, progress)
-            other, more = _loop(*by_lines, progress)
-            if _left(*by_lines, other) < _left(bench, start, state):
-                (bench, start), state, added = by_lines, other, more
-                left = _left_over(bench, start, state, added)
+            resumed = _resumed(*by_lines, state, added)
+            if resumed is not None or not added or _left(bench, start, state) > LEFT:
+                other, more = _loop(*by_lines, progress, resumed)
+                if _left(*by_lines, other) < _left(bench, start, state):
+                    (bench, start), state, added = by_lines, other, more
+                    left = _left_over(bench, start, state, added)
         found, contradictions = state, () if left else contradicted(bench, state)
         state, off = merged(bench, state, contradictions)
         state = settled(bench, state)
@@ -182,12 +198,34 @@ def _by_lines(bench: Bench, data: tuple[Evidence, ...], progress: Callable[[str]
     return bench, first(bench)
 
 
-def _loop(bench: Bench, start: State, progress: Callable[[str], None]) -> tuple[State, list[Added]]:
-    """The arm with those effects that earned their place beyond `start`, and these in the order in which they were added."""
-    state = begun_afresh = start
-    added: list[Added] = []
-    progress(f"the declared arm: chi2 {excess(bench, state):.3g} a degree of freedom")
-    if excess(bench, state) > BENT:
+def _resumed(bench: Bench, start: State, found: State, added: Sequence[Added]) -> tuple[State, list[Added]] | None:
+    """The model with effects that were `found`, and `added`, by other parts of the records, if it leaves little by these, too."""
+    if not added:
+        return None
+    state = fitted(bench, Refit.of(found))
+    if _left(bench, start, state) > LEFT:
+        return None
+    report = bench.split.report
+    entries = list(added)
+    entries[0] = replace(entries[0], before=errors(bench, start, report).all)
+    entries[-1] = replace(entries[-1], after=errors(bench, state, report).all)
+    return state, entries
+
+
+def _loop(
+    bench: Bench,
+    start: State,
+    progress: Callable[[str], None],
+    resumed: tuple[State, list[Added]] | None = None,
+) -> tuple[State, list[Added]]:
+    """The arm with those effects that earned their place beyond `start`, or beyond those `resumed`, and these in the order in which
+    they were added."""
+    state, added = resumed or (start, [])
+    begun_afresh = state
+    progress(
+        f"the {'arm with what was found' if added else 'declared arm'}: chi2 {excess(bench, state):.3g} a degree of freedom"
+    )
+    if not added and excess(bench, state) > BENT:
         bench = unbent(bench, state, progress)
     for _ in range(MOST_EFFECTS):
         little = bool(added) and _little(bench, start, state)
