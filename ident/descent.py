@@ -211,8 +211,8 @@ def _step(problem: Problem, vector: Array, slope: Array, information: Array, dam
 
 
 def _taken(problem: Problem, vector: Array, step: Array) -> Array:
-    """The parameters [P] after a step, within their bounds; what gets softer by as much as its compliance is to grow, a damping
-    that grows more than e-fold by as much as it, not its logarithm, is to."""
+    """The parameters [P] after a step, within their bounds: what gives by as much as its compliance is to change, with it the joints'
+    springs; a damping that grows more than e-fold by as much as it, not its logarithm, is to."""
     far = problem.dampings & (step > 1.0)
     change = problem.scale * np.where(far, 1.0 + np.log(np.where(far, step, 1.0)), step)
     after = vector + change
@@ -223,5 +223,5 @@ def _taken(problem: Problem, vector: Array, step: Array) -> Array:
 
 
 def _by_compliance(change: Array) -> Array:
-    """Times as stiff as before, where the compliance falls by a share `change` of itself; beyond half of it, as stiffly as there."""
+    """Times as stiff as before, where the compliance is to fall by a share `change` of itself; beyond half of it along the tangent there."""
     return np.where(change < 0.5, 1.0 / (1.0 - np.minimum(change, 0.5)), 4.0 * change)

@@ -15,7 +15,7 @@ from ident.arm_fit import Problem, hold, residual
 from ident.bench import simulate
 from ident.campaign import Array, Campaign
 from ident.coupled import Start, declared_start, problem_of
-from ident.descent import _further, _step, _taken, minimise
+from ident.descent import _by_compliance, _further, _step, _taken, minimise
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import Motion
@@ -164,6 +164,28 @@ def test_what_nothing_shows_does_not_turn_the_step_when_it_is_cut() -> None:
         return float(2.0 * step @ slope + step @ information @ step)
 
     assert left(step) < left(np.clip(whole, -1.0, 1.0)) - 1.0
+
+
+@pytest.mark.parametrize("step", [-0.3, -0.2, 0.3])
+def test_a_joints_spring_gives_way_as_much_as_one_behind_it_takes_on(step: float) -> None:
+    """What both give together stays, however far they go: there is no bend in the valley along them."""
+    K, k = 5000.0, 8000.0
+    every, springs = np.array([True, True]), np.array([True, False])
+    low, high = np.full(2, -np.inf), np.full(2, np.inf)
+    problem = SimpleNamespace(
+        low=low, high=high, free=every, giving=~springs, springs=springs, dampings=~every, scale=np.array([1.0, 1000.0])
+    )
+    steps = np.array([step, -step * k / K * k / 1000.0])
+    log_K, other = _taken(problem, np.array([np.log(K), k]), steps)  # type: ignore[arg-type]
+    assert abs(np.exp(log_K) / K - 1.0) > 0.1
+    assert 1.0 / np.exp(log_K) + 1.0 / other == pytest.approx(1.0 / K + 1.0 / k)
+
+
+def test_what_gets_stiffer_far_stays_a_spring() -> None:
+    """The compliance would be nothing at 1."""
+    changes = np.array([0.4999, 0.5001, 1.0, 3.0])
+    stiffer = _by_compliance(changes)
+    assert stiffer[0] == pytest.approx(stiffer[1], rel=1e-3) and (np.diff(stiffer) > 0.0).all() and stiffer[-1] == 12.0
 
 
 def test_a_damping_that_is_not_felt_grows_until_it_is_if_it_is_missed() -> None:

@@ -12,16 +12,17 @@ import diagnosed as by_hand
 import numpy as np
 import pytest
 
-from ident.added import renamed
+from ident.added import Added, renamed
 from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.campaign import Array, Campaign
 from ident.candidates import catalogue, otherwise
 from ident.coupled import declared_start
 from ident.departures import groups
-from ident.diagnose import Begun, Diagnosis, _bent, _little, _loop, begin, diagnose
+from ident.diagnose import Begun, Diagnosis, _bent, _little, _loop, _resumed, begin, diagnose
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
+from ident.effects.friction import LinkViscous
 from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.learned import learned
 from ident.effects.spring import Backlash
@@ -36,6 +37,7 @@ from symgen.robot import load_robot
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
 SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
 CELLS = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells] * 2
+LINK_VISCOUS = LinkViscous(1, (0.1,))
 FAINT = "input-delay:time=3e-6@joint2"
 
 
@@ -190,6 +192,30 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(mo
     bench = SimpleNamespace(split=SimpleNamespace(note="by lines"), late=False)
     assert _loop(bench, start, lambda line: None) == (straight, ["added"])
     assert asked == [start]
+
+
+@pytest.mark.parametrize(("left", "goes_on"), [(1.4, True), (9.0, False)])
+def test_lines_of_every_record_begin_with_what_was_found_where_that_leaves_little(
+    left: float, goes_on: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def entry(before: float, after: float) -> Added:
+        return Added(LINK_VISCOUS, (), before, after, 1.0, 1.0, (), (), ())
+
+    start, by_lines = SimpleNamespace(select=41.0), SimpleNamespace(select=left)
+    stand_ins = {
+        "fitted": lambda bench, refit: by_lines,
+        "degrees": lambda data: 1,
+        "errors": lambda bench, state, report: SimpleNamespace(all=state.select),
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    monkeypatch.setattr(Refit, "of", lambda state: state)
+    bench: Any = SimpleNamespace(split=SimpleNamespace(select=(), report=()))
+    found: Any = SimpleNamespace()
+    resumed = _resumed(bench, start, found, [entry(0.3, 0.2), entry(0.2, 0.1)])  # type: ignore[arg-type]
+    assert (resumed is not None) == goes_on
+    assert resumed is None or [(one.before, one.after) for one in resumed[1]] == [(41.0, 0.2), (0.2, left)]
+    assert _resumed(bench, start, found, []) is None, "nothing was found"  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

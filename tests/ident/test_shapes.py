@@ -38,6 +38,7 @@ def test_all_joints_are_tried_but_those_where_it_is_known() -> None:
     every = {(c.effect.name, c.effect.joint) for c in bending(lin, ())}
     assert every >= {("link-flexibility", joint) for joint in range(3)} | {("base-compliance", None)}
     assert ("link-flexibility", 2) not in {(c.effect.name, c.effect.joint) for c in bending(lin, (LAST,))}
+    assert not any(name == "locked-joint-elasticity" for name, _ in every), "no lock holds a joint here"
     across = [c.effect["across"] for c in bending(lin, ()) if c.effect.name == "link-flexibility"]
     assert across.count(0.0) == across.count(1.0)
 
@@ -50,3 +51,18 @@ def test_a_last_link_that_bends_is_found_though_it_promises_nothing() -> None:
     best = min(_bending(bench, start, lin, print), key=lambda one: one[1].select)
     assert (best[0].effect.name, best[0].effect.joint) == ("link-flexibility", 2)
     assert excess(bench, fitted(bench, Refit.of(best[1]))) < 1.0
+
+
+def test_a_lock_that_gives_is_tried_at_every_joint_that_one_holds_in_some_record() -> None:
+    cells = [("joint3", np.zeros(3)), ("joint3", np.array([0.0, 0.5, 0.7])), ("joint2", np.array([0.0, 0.5, 0.7]))]
+    campaign = simulate(chain_of_robot(SHORT), SHORT, cells, lock="rigid", seed=5, workers=1)
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    found = begin(campaign, make_model(chain_of_robot(SHORT), believe_zeros=True), responses)
+    tried = [c.effect for c in bending(linearised(found.start.problem, found.start.minimum.vector), ())]
+    locks = [effect for effect in tried if effect.name == "locked-joint-elasticity"]
+    assert {effect.joint for effect in locks} == {1, 2}, "joint 1 is moved by none that moves in pitch"
+    K = SHORT.drive("joint2").K
+    assert (
+        min(effect["stiffness"] for effect in locks) < 0.6 * K
+        and max(effect["stiffness"] for effect in locks) > 1.8 * K
+    )

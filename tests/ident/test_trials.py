@@ -22,7 +22,7 @@ from ident.effects.structure import AttachedResonator
 from ident.finer import finely, leader_finely
 from ident.naming import of_any_order, plainer
 from ident.refits import FINELY, HASTILY
-from ident.trials import _law_leads, ahead, outshines, polished
+from ident.trials import _drawn_whole, _law_leads, _unbent, ahead, outshines, polished
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -170,6 +170,26 @@ def test_a_wave_that_is_not_whole_in_a_turn_of_the_motor_has_no_name(
     monkeypatch.setattr(ident.naming, "fully", lambda bench, state: one(CURVE, fully)[1])
     assert (of_any_order(BENCH, found, lambda line: None) is found) == is_named
     assert set(likely) <= {900.0}, "what promises nothing is not tried"
+
+
+@pytest.mark.parametrize(
+    ("names", "unbent"),
+    [
+        ([one(DRY, 2.4), one(HARD, 17.0)], True),
+        ([one(DRY, 2.4), one(HARD, 5.0)], False),  # another does nearly as much
+        ([one(DRY, 4.0), one(HARD, 90.0)], False),  # much is left that may have bent the arm
+        ([one(AttachedResonator(1, (1e-3, 20.0, 1e-4)), 2.4), one(HARD, 17.0)], False),  # what gives bends it itself
+        ([one(DRY, 2.4)], False),
+    ],
+)
+def test_where_a_force_leaves_little_the_arm_was_hardly_bent(names: Any, unbent: bool) -> None:
+    assert _unbent(BENCH, one(DRY, 30.0)[1], names) == unbent
+
+
+def test_a_curve_that_leaves_nothing_ends_the_search_for_other_ports() -> None:
+    assert _drawn_whole(BENCH, [one(CURVE, 0.96), one(HARD, 2.5)])
+    assert not _drawn_whole(BENCH, [one(CURVE, 1.4), one(HARD, 2.5)]), "something is left"
+    assert not _drawn_whole(BENCH, [one(CURVE, 0.96), one(HARD, 0.95)]), "a name does, too"
 
 
 def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:
