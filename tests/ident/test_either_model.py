@@ -20,7 +20,7 @@ from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
 #: The delay put in [s].
 DELAY, JOINT = 3e-4, 1
 

@@ -30,7 +30,7 @@ from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
 CELLS = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells]
 RINGS, SCALE = "attached-resonator", "torque-scale"
 

@@ -20,7 +20,7 @@ from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=4))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
 #: The last link bends: stiffness, share, damping, about the joint's axis.
 LAST = LinkFlexibility(2, (6642.0, 0.48, 1.48e-3, 0.0))
 
