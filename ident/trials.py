@@ -281,7 +281,7 @@ def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
 
 def outshines(bench: Bench, one: Tried, tried: Sequence[Tried], first: float) -> bool:
     """Whether a name that is far ahead of all that were `tried` leaves so little of `first`, as in `explains`, that what is left is
-    another effect's: of an impedance, as no curve does what it does, more than of a law that leads."""
+    another effect's: a law that leads little in noise powers, what gives little of all that there was, or of what any other leaves."""
     dof = degrees(bench.split.select)
     if only_impedance(one[0].effect):
         others = min((left_by(other) for other in tried if other[0].key != one[0].key), default=0.0)
