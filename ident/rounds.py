@@ -33,7 +33,6 @@ from ident.refits import (
 from ident.trace import Linearised, port_shares
 from ident.trials import (
     AHEAD,
-    HALF,
     ahead,
     at_minimum,
     earned,
@@ -63,7 +62,7 @@ def another(
 ) -> tuple[State, list[Added]] | None:
     """The model with one effect more, if any earns it, or two that do together; `first` is chi^2 on the choosing records before any was
     added. Where `little` is left, only of those that promise most of it. Where the records that fit may let the model bend, `bends`,
-    no two, and none if none leaves half of what is left: lines of every record tell more."""
+    no two, and none if all leave more at first than there was."""
     lin = linearised(state.problem, state.minimum.vector)
     best, tried = _best(bench, state, lin, first, progress, little, bends)
     one = _entered(bench, state, best, tried, lin, first)
@@ -181,7 +180,7 @@ def _best(
         tried = [leader if other is one else other for other in tried]
         if explains(bench, leader[1], first) or outshines(bench, leader, tried, first):
             return of_any_order(bench, plainer(bench, leader, progress), progress), tried
-    if (little and not _gaining(bench, tried)) or (bends and not _halved(bench, state, tried)):
+    if (little and not _gaining(bench, tried)) or (bends and all(left_by(one) > state.select for one in tried)):
         return None, tried
     tried = [one for one in polished(bench, tried, first, progress) if not vanished(one[1].effects[-1])]
     best = chosen(bench, tried, state.select)
@@ -216,12 +215,6 @@ def _gaining(bench: Bench, tried: Sequence[Tried]) -> bool:
     if best is None:
         return False
     return best.select < without(bench, best, best.effects[-1], best.roughly).select - LEAST_GAIN
-
-
-def _halved(bench: Bench, state: State, tried: Sequence[Tried]) -> bool:
-    """Whether one of the candidates leaves less than half of what the model without it does."""
-    dof = degrees(bench.split.select)
-    return any(left_by(one) - dof < HALF * (state.select - dof) for one in tried)
 
 
 def _error(bench: Bench, state: State) -> float:
