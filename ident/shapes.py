@@ -10,24 +10,22 @@ from ident.effects.base import Effect, Parameter, only_impedance
 from ident.effects.catalogue import CATALOGUE
 from ident.trace import Linearised
 
-#: Numbers of an impedance, all of them shapes, that are many.
-MANY = 2
 #: The least scale of a value.
 TINY = 1e-12
 #: Share of the least and largest plausible stiffness from where one is tried; and of one alone, and times as much.
 STIFF = 0.5
 
 
-def has_many(effect: Effect | type[Effect]) -> bool:
-    """Whether all that an effect has are shapes, and many."""
-    return len(effect.parameters) >= MANY and all(p.zero is None for p in effect.parameters)
+def only_shapes(effect: Effect | type[Effect]) -> bool:
+    """Whether all that an effect has are shapes: none of its numbers is a size, which is found from any start."""
+    return bool(effect.parameters) and all(p.zero is None for p in effect.parameters)
 
 
 def bending(lin: Linearised, taken: Sequence[Effect]) -> list[Candidate]:
-    """The impedances of many shapes at every joint, or of the arm, that are not `taken` yet, each from a few plausible shapes."""
+    """The impedances of shapes alone at every joint, or of the arm, that are not `taken` yet, each from a few plausible shapes."""
     found = []
     for kind in CATALOGUE.values():
-        if not has_many(kind):
+        if not only_shapes(kind):
             continue
         places: list[int | None] = list(range(lin.problem.n)) if "joint" in kind.scope else [None]
         for joint in (place for place in places if all((kind.name, place) != (e.name, e.joint) for e in taken)):

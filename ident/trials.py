@@ -35,7 +35,7 @@ from ident.refits import (
     same,
     standing,
 )
-from ident.shapes import bending, has_many
+from ident.shapes import bending, only_shapes
 from ident.trace import Linearised
 from symgen.forked import forked
 
@@ -109,7 +109,7 @@ def hasty(
         yield _from_fitted(bench, state, lin, first, progress)
     else:
         tried = _from_fitted(bench, state, lin, first, progress)
-        if not (_drawn_whole(bench, tried) or _unbent(bench, state, tried)):
+        if not (_drawn_whole(bench, tried) or _hardly_bent(bench, state, tried)):
             if _explaining(bench, tried, first) is None:
                 tried += _bending(bench, state, lin, progress)
             found = _explaining(bench, tried, first)
@@ -145,7 +145,7 @@ def _drawn_whole(bench: Bench, tried: Sequence[Tried]) -> bool:
     return best is not None and is_curve(best) and has_forces(best[1].effects[-1]) and excess(bench, best[1]) <= NAMED
 
 
-def _unbent(bench: Bench, state: State, tried: Sequence[Tried]) -> bool:
+def _hardly_bent(bench: Bench, state: State, tried: Sequence[Tried]) -> bool:
     """Whether a force leaves little beside what any other name does, and the model without: the arm was hardly bent."""
     named, dof = best_names(tried), degrees(bench.split.select)
     if len(named) < 2 or not only_forces(named[0][0].effect) or excess(bench, named[0][1]) > CLOSE:
@@ -220,7 +220,7 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
         again += [larger(c, LARGER) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
     tried = refitted(bench, state, [(c, declared) for c in again], progress)
     best = min(tried, key=left_by, default=None)
-    if best is not None and has_many(best[0].effect) and excess(bench, best[1]) > CLOSE**2:
+    if best is not None and only_shapes(best[0].effect) and excess(bench, best[1]) > CLOSE**2:
         tried += _bending(bench, state, declared, progress, lambda effect: same(effect, best[0].effect))
     all_at_once = best is not None and best[0].effect.joint is None
     if found is None and not all_at_once and (not tried or excess(bench, min(tried, key=left_by)[1]) > BENT):
@@ -238,7 +238,7 @@ def _bending(
     progress: Callable[[str], None],
     wanted: Callable[[Effect], bool] = lambda effect: True,
 ) -> list[Tried]:
-    """The impedances of many shapes that may have bent the arm, those `wanted`, from plausible ones, by few lines; the best refitted as
+    """The impedances of shapes alone that may have bent the arm, those `wanted`, from plausible ones, by few lines; the best refitted as
     others are."""
     likely = [c for c in bending(lin, state.effects) if wanted(c.effect)]
     refits = [replace(_with(bench, state, candidate, lin), lines=FIRST_LINES) for candidate in likely]

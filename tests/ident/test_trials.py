@@ -22,7 +22,7 @@ from ident.effects.structure import AttachedResonator
 from ident.finer import finely, leader_finely
 from ident.naming import of_any_order, plainer
 from ident.refits import FINELY, HASTILY
-from ident.trials import _drawn_whole, _law_leads, _unbent, ahead, outshines, polished
+from ident.trials import _drawn_whole, _hardly_bent, _law_leads, ahead, outshines, polished
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -183,7 +183,7 @@ def test_a_wave_that_is_not_whole_in_a_turn_of_the_motor_has_no_name(
     ],
 )
 def test_where_a_force_leaves_little_the_arm_was_hardly_bent(names: Any, unbent: bool) -> None:
-    assert _unbent(BENCH, one(DRY, 30.0)[1], names) == unbent
+    assert _hardly_bent(BENCH, one(DRY, 30.0)[1], names) == unbent
 
 
 def test_a_curve_that_leaves_nothing_ends_the_search_for_other_ports() -> None:
