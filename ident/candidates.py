@@ -16,6 +16,7 @@ from ident.errors import IdentError
 from ident.frf import Complex
 from ident.periods import spectrum
 from ident.trace import Linearised
+from symgen.chain import PRISMATIC
 from symgen.forked import forked
 
 #: Orders [per revolution] at which cogging, ripple and gear errors are looked for, how many of them are scored; and orders, or
@@ -50,11 +51,17 @@ class Candidate:
 
 
 def units(lin: Linearised, effect: type[Effect], joint: int | None) -> tuple[float, ...]:
-    """What one unit of each parameter is, for an effect at a joint: the arm's largest one for an effect of the whole arm."""
-    if joint is None:
-        everywhere = [units(lin, effect, j) for j in range(lin.problem.n)]
-        return tuple(np.max(everywhere, axis=0).tolist()) if everywhere[0] else ()
-    return tuple(scale(p.relative, _sizes(lin, effect.port, joint)) for p in effect.parameters)
+    """What one unit of each parameter is, for an effect at a joint: the largest one at a joint that turns for an effect of the whole arm,
+    and for one that turns whatever its joint does at a slide."""
+    chain = lin.problem.data[0].scene.chain
+    turning = [j for j in range(lin.problem.n) if chain is None or chain.joints[j].type != PRISMATIC]
+    at = [joint] if joint is not None else turning
+    if effect.turns and turning and joint not in turning:
+        at = turning
+    every = [
+        [scale(p.relative, _sizes(lin, effect.port, j)) for p in effect.parameters] for j in at or range(lin.problem.n)
+    ]
+    return tuple(np.max(every, axis=0).tolist()) if every[0] else ()
 
 
 def _sizes(lin: Linearised, port: str, joint: int) -> dict[str, float]:

@@ -14,7 +14,7 @@ from ident.curves import curve_of
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motor import TorqueScale
-from ident.minima import creeping_like, crept, told
+from ident.minima import CREPT, creeping_like, crept, told
 from ident.refits import Bench, Refit, State, all_fitted, excess, same
 from ident.trace import Linearised
 
@@ -24,6 +24,8 @@ def as_it_creeps(bench: Bench, tried: list[Tried], near: float, progress: Callab
     its port likewise."""
     best = min(tried, key=left_by, default=None)
     if best is None or excess(bench, best[1]) <= near or (state := crept(bench, best[1])) is best[1]:
+        return tried
+    if state.select > CREPT * best[1].select:
         return tried
     progress(f"  as it creeps, {told(state.effects[-1])}: {excess(bench, state):.4g}")
     law = state.effects[-1]

@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm_fit import chi_squared, hold
 from ident.campaign import Array
 from ident.coupled import DOUBTS
-from ident.effects.base import Effect, PeriodicLaw, has_forces, only_impedance
+from ident.effects.base import Effect, PeriodicLaw, only_impedance
 from ident.effects.carried import FARTHEST, Carrying, carrying, of_declared_links, shown
 from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
 from ident.effects.learned import Learned, bent
@@ -51,6 +51,8 @@ SHOWN_AT, MUCH_LESS = 8, 0.5
 BY_CURVE = 3
 #: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
 PATIENT, STILL = 8, 0.9
+#: Share of what a contact leaves that it may leave as it creeps from near where it is expected, for that to be sought farther off.
+CREPT = 0.9
 #: Times what a model leaves that it leaves, at most, where it comes back to where it was, from the declared arm.
 BACK = 1.05
 #: Times that it is told by how much links are off.
@@ -119,10 +121,18 @@ def crept(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if not last.dry or isinstance(last, Creeping | Learned) or excess(bench, state) <= NAMED:
         return state
-    refits = [replace(Refit.of(state), outer=1, roughly=HASTILY), *(creeping_like(state, decades) for decades in FROM)]
-    here, *others = _until_nothing(bench, refits)
-    best = min(others, key=lambda other: other.select, default=here)
-    return best if best.select < here.select - LEAST_GAIN else state
+    here, *near = _until_nothing(
+        bench, [replace(Refit.of(state), outer=1, roughly=HASTILY), creeping_like(state, FROM[0])]
+    )
+    if not near or near[0].select >= here.select - LEAST_GAIN:
+        return state
+    dof, best = degrees(bench.split.select), near[0]
+    if excess(bench, best) > NAMED and best.select - dof < CREPT * (here.select - dof):
+        best = min(
+            [best, *_until_nothing(bench, [creeping_like(state, decades) for decades in FROM[1:]])],
+            key=lambda other: other.select,
+        )
+    return best
 
 
 def creeping_like(state: State, decades: float) -> Refit:
@@ -350,7 +360,7 @@ def elsewhere(bench: Bench, state: State, effect: Effect, progress: Callable[[st
     """The model, or a better one that lies where a force of `effect` is some other size: what moves so that a force
     follows has more than one way to."""
     sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None and not p.whole and effect.values[k]]
-    if not has_forces(effect) or effect.name == "unknown" or not sizes:
+    if not winds_up(effect) or effect.name == "unknown" or not sizes:
         return state
     refits = [Refit.of(state), *_resized(state, effect, sizes, ELSEWHERE)]
     here, *others = all_fitted(bench, [replace(one, outer=1, roughly=HASTILY) for one in refits])

@@ -41,8 +41,9 @@ from symgen.forked import forked
 
 #: Candidates of the catalogue refitted in each round (least and most), and learned curves.
 REFITTED, CURVES = (6, 40), 2
-#: Half of them whatever they promise, as a promise is of first order; as many as make this many numbers to be fitted.
-EFFORT = 1.5e5
+#: Half of them hardly whatever they promise, as a promise is of first order: this share of what the best does; as many as make this many
+#: numbers to be fitted.
+SLIGHT, EFFORT = 0.05, 1.5e5
 #: Share of what earns a place that a candidate must promise to be tried once little is left: promises are nearly right there.
 HARDLY = 0.125
 #: Candidates taken over from the declared arm; share of what the best promises from which a force that follows from the motion is
@@ -52,7 +53,7 @@ SURELY, LIKELY, LARGER = 6, 0.5, 1.4
 BENT = 100.0
 #: Share of what any other candidate leaves that one leaves which is far ahead.
 AHEAD = 0.03
-#: A force that a curve leaves so far behind is not looked for where it is some other size, nor names that promised much besides.
+#: What another leaves so far behind is not fitted finely, nor looked for where it is some other size.
 UNLIKELY = 0.1
 #: Candidates fitted finely before one is chosen.
 FINALISTS = 3
@@ -60,7 +61,7 @@ FINALISTS = 3
 #: effect that does less has to leave less than this share of it.
 ENOUGH, REST = 3e-3, 0.2
 #: Share of a small rest that an effect must promise to be tried, and one that acts where dry friction does; of what friction leaves, that
-#: a law beside it may leave to be it.
+#: a law beside it may leave to be it, and of what one promises that leaves nothing, that others must.
 MOST, BESIDE, HALF = 0.5, 0.05, 0.5
 
 
@@ -163,7 +164,12 @@ def _from_fitted(
     if excess(bench, state) <= CLOSE:
         likely = promising(bench, likely, LEAST_SHARE * max(state.select - degrees(bench.split.select), 1.0))
     else:
-        likely = [c for k, c in enumerate(likely) if c.gain > LEAST_SHARE * beyond_noise(state, lin) or k < most // 2]
+        least, slight = LEAST_SHARE * beyond_noise(state, lin), SLIGHT * max((c.gain for c in likely), default=0.0)
+        likely = [
+            c
+            for k, c in enumerate(likely)
+            if c.gain > least or k < REFITTED[0] // 2 or (k < most // 2 and c.gain > slight)
+        ]
         likely += balanced(lin, state.effects)
     tried = _nearest_finely(bench, refitted(bench, state, [(c, lin) for c in likely], progress), progress)
     tried = as_it_creeps(bench, tried, CLOSE**2, progress)
@@ -250,12 +256,18 @@ def _bending(
 def refitted(
     bench: Bench, state: State, short: Sequence[tuple[Candidate, Linearised]], progress: Callable[[str], None]
 ) -> list[Tried]:
-    """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted."""
+    """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted; once one leaves nothing, where
+    there was much, none that promises much less."""
     refits = [_with(bench, state, candidate, origin) for candidate, origin in short]
-    tried = []
-    for (candidate, _), new in zip(short, all_fitted(bench, refits), strict=True):
-        tried.append((candidate, new))
-        progress(f"  {told(new.effects[-1])}: {excess(bench, new):.4g}, promised {candidate.gain:.3g}")
+    tried: list[Tried] = []
+    whole = 0.0
+    for k, new in enumerate(all_fitted(bench, refits)):
+        tried.append((short[k][0], new))
+        progress(f"  {told(new.effects[-1])}: {excess(bench, new):.4g}, promised {short[k][0].gain:.3g}")
+        if excess(bench, new) <= NAMED and excess(bench, state) > CLOSE:
+            whole = max(whole, short[k][0].gain)
+        if all(candidate.gain < HALF * whole for candidate, _ in short[k + 1 :]):
+            break
     return tried
 
 
@@ -343,8 +355,7 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
 
 def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried]:
     """The candidates to be fitted finely: where a name leaves nothing, those near the noise, or none if it is alone there; where none
-    is near, what promised most besides the best (it may have been far from its place), but not where a curve is, far ahead of all
-    names, nor behind a law that is.
+    is near, those not far behind the best, but none behind a law that is far ahead.
     """
     named, drawn = best_names(tried), sorted((one for one in tried if is_curve(one)), key=left_by)
     near = CLOSE**2 * degrees(bench.split.select)
@@ -356,11 +367,7 @@ def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried
         return rivals if len(rivals) > 1 or left > NAMED else []
     if _law_leads(tried, first):
         return named[:1] + drawn[:1]
-    finalists = named[:FINALISTS] + drawn[:1]
-    by_curve = drawn and left_by(drawn[0]) <= min(near, UNLIKELY * left_by(named[0]))
-    if left_by(named[0]) > near and not by_curve:
-        finalists += sorted(named[FINALISTS:], key=lambda one: -one[0].gain)[:FINALISTS]
-    return finalists
+    return named[:1] + [one for one in named[1:FINALISTS] + drawn[:1] if UNLIKELY * left_by(one) <= left_by(named[0])]
 
 
 def _law_leads(tried: Sequence[Tried], first: float) -> bool:

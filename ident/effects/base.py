@@ -158,6 +158,8 @@ class Effect(ABC):
     impedance_of: ClassVar[str] = ""
     #: It carries links, whose inertia is that of the declared ones: what it is depends on them.
     carries: ClassVar[bool] = False
+    #: What gives turns, whatever its joint does: its stiffness is a turning one at a slide, too.
+    turns: ClassVar[bool] = False
     #: Whether a simulation can have it, or not have it.
     injectable: ClassVar[bool] = True
 

@@ -9,7 +9,7 @@ import numpy as np
 from ident.effects.base import Array, Body, Complex, Effect, Known, Parameter, Swing
 from ident.effects.impedance import Sprung, coupling, own_inertia, posed, weighed
 from ident.effects.sway import bent, rocked, second_order
-from symgen.chain import Chain
+from symgen.chain import PRISMATIC, Chain
 
 #: Retardation time [s] of a spring: its damping over its stiffness. At 30 Hz, 2e-4 s is 2 % of critical.
 _DAMPING = Parameter("damping", "s", 0.0, 0.01, (2e-4,), zero=None)
@@ -72,7 +72,7 @@ class BaseCompliance(Effect):
     """The base on springs about its origin: it rocks about x and y, and turns about z. Its own inertia is told by the
     frequency `own` at which it would swing without the arm."""
 
-    name, port, scope, carries = "base-compliance", "structure", ("arm",), True
+    name, port, scope, carries, turns = "base-compliance", "structure", ("arm",), True, True
     parameters = (
         Parameter("rock", "Nm/rad", 0.5, 1e4, (10.0, 50.0), zero=None, relative="K"),
         Parameter("turn", "Nm/rad", 0.5, 1e4, (20.0, 100.0), zero=None, relative="K"),
@@ -119,7 +119,7 @@ class LinkFlexibility(Effect):
     """A link that bends: a `share` of its body and all that it carries turn on a spring at its joint, about the joint's
     axis (across 0) or across it, out of the plane in which the joint moves it (across 1)."""
 
-    name, port, impedance_of, carries = "link-flexibility", "structure", "J", True
+    name, port, impedance_of, carries, turns = "link-flexibility", "structure", "J", True, True
     parameters = (
         Parameter("stiffness", "Nm/rad", 0.05, 1e3, (2.0, 8.0), zero=None, relative="K"),
         Parameter("share", "", 0.05, 0.95, (0.5,), zero=None),
@@ -144,7 +144,7 @@ class LinkFlexibility(Effect):
         weight = None
         if arm.chain is None:
             C, own = arm.J[[i]] * share, arm.J[i : i + 1, i : i + 1] * share
-        elif across:
+        elif across or arm.chain.joints[i].type == PRISMATIC:
             at = posed(arm.chain, arm.posture)
             axis = at.R[i] @ self._axis(arm.chain)
             motion = np.concatenate([np.cross(at.p[i], axis), axis])

@@ -103,10 +103,12 @@ def draw(
     at = None if cls.scope == ("arm",) else joint
     unit = scales["loaded" if name in LOADED else "link" if cls.port in ("structure", "sensor") else cls.port]
     share = scales["loaded"]["torque"] if name == "load-dependent-friction" else 1.0
+    turning = [drive.K for drive in robot.drives if not drive.linear]
+    stiff = {"K": max(turning)} if cls.turns and turning and robot.drive(chain.names[joint]).linear else {}
     values = {}
     for p in cls.parameters:
         if p.name in ranges:
-            values[p.name] = _drawn(rng, ranges[p.name]) * scale(p.relative, unit) * share
+            values[p.name] = _drawn(rng, ranges[p.name]) * scale(p.relative, unit | stiff) * share
     if name == "torque-ripple":
         values["amplitude"] *= min(1.0, STEEP / values["order"])
     if cls is MotorCoupling:

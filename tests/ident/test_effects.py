@@ -12,6 +12,7 @@ from ident.effects.catalogue import CATALOGUE, parse, truth
 from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.impedance import coupling, inertia_and_weight, posed, slopes, weighed
 from ident.effects.motion import SIGNALS, Motion, State
+from ident.effects.structure import LinkFlexibility
 from ident.errors import IdentError
 from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
@@ -257,6 +258,14 @@ def test_impedances_are_symmetric_and_passive(name: str) -> None:
     assert np.abs(Z - np.swapaxes(Z, 1, 2)).max() <= 1e-9 * np.abs(Z).max()
     lossy = (Z - np.conj(np.swapaxes(Z, 1, 2))) / 2j  # of Z = -w^2 M + j w D + K: w D
     assert np.linalg.eigvalsh(lossy).min() >= -1e-9 * np.abs(Z).max()
+
+
+def test_a_link_on_a_slide_turns_on_its_spring() -> None:
+    """About the slide's axis, as the joints before and behind it do: these feel it, the slide does not."""
+    arm, _, _ = known("scara4", np.array([0.3, 0.0, 0.05, 0.4]))
+    n, s = len(arm.N), 2j * np.pi * np.array([3.0, 30.0])
+    Z = LinkFlexibility(2, (1500.0, 0.5, 2e-4, 0.0)).impedance(s, arm)[:, n:, n:]
+    assert all(np.abs(Z[:, k, k]).min() > 0 for k in (0, 1, 3)) and not Z[:, 2].any() and not Z[:, :, 2].any()
 
 
 def test_gains_are_those_of_their_joint() -> None:

@@ -5,13 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 
+import ident.candidates
 from ident.bench import simulate
-from ident.candidates import catalogue
+from ident.candidates import catalogue, units
 from ident.diagnose import Begun, begin
-from ident.effects.structure import LinkFlexibility
+from ident.effects.catalogue import parse
+from ident.effects.structure import BaseCompliance, LinkFlexibility, LockedJointElasticity
 from ident.frf import estimate
 from ident.refits import Refit, excess, fitted, linearised
 from ident.shapes import bending
@@ -19,7 +24,8 @@ from ident.trials import _bending
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
-ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+ROBOTS = Path(__file__).parents[2] / "robots"
+ROBOT = load_robot(ROBOTS / "ypp3")
 SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
 #: The last link bends: stiffness, share, damping, about the joint's axis.
 LAST = LinkFlexibility(2, (6642.0, 0.48, 1.48e-3, 0.0))
@@ -41,6 +47,23 @@ def test_all_joints_are_tried_but_those_where_it_is_known() -> None:
     assert not any(name == "locked-joint-elasticity" for name, _ in every), "no lock holds a joint here"
     across = [c.effect["across"] for c in bending(lin, ()) if c.effect.name == "link-flexibility"]
     assert across.count(0.0) == across.count(1.0)
+
+
+def test_what_turns_is_as_stiff_as_joints_that_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slide's spring, in N/m, says nothing of the base, or of a link that bends; of a lock at it all."""
+    robot = load_robot(ROBOTS / "scara4")
+    chain = chain_of_robot(robot)
+    K = [robot.drive(name).K for name in chain.names]
+    monkeypatch.setattr(ident.candidates, "_sizes", lambda lin, port, joint: {"K": K[joint]})
+    data = [SimpleNamespace(scene=SimpleNamespace(chain=chain))]
+    lin: Any = SimpleNamespace(problem=SimpleNamespace(n=chain.n, data=data))
+    stiffest, slide = max(K[0], K[1], K[3]), chain.names.index("joint3")
+    assert K[slide] > stiffest
+    assert units(lin, BaseCompliance, None)[:2] == (stiffest, stiffest)
+    assert units(lin, LinkFlexibility, slide)[0] == stiffest and units(lin, LinkFlexibility, 1)[0] == K[1]
+    assert units(lin, LockedJointElasticity, slide)[0] == K[slide]
+    assert parse("base-compliance:own=80", robot.drives)["rock"] == 10.0 * stiffest
+    assert parse("link-flexibility@joint3", robot.drives)["stiffness"] == 2.0 * stiffest
 
 
 def test_a_last_link_that_bends_is_found_though_it_promises_nothing() -> None:

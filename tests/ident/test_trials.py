@@ -22,7 +22,7 @@ from ident.effects.structure import AttachedResonator
 from ident.finer import finely, leader_finely
 from ident.naming import of_any_order, plainer
 from ident.refits import FINELY, HASTILY
-from ident.trials import _drawn_whole, _hardly_bent, _law_leads, ahead, outshines, polished
+from ident.trials import _drawn_whole, _finalists, _hardly_bent, _law_leads, ahead, outshines, polished, refitted
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -100,6 +100,26 @@ def test_a_name_that_leads_but_not_far_ahead_is_fitted_finely(
     monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     found = leader_finely(BENCH, [one(DRY, 100.0), one(HARD, leads)], lambda line: None)
     assert [state.select for _, state in found] == [100.0 * DOF, finer * DOF]
+
+
+@pytest.mark.parametrize(("left", "last"), [(0.95, 2), (1.2, 4)])
+def test_what_promises_much_less_than_what_leaves_nothing_is_not_tried(
+    left: float, last: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of names that promise so much the first leaves nothing, or a little: those that promise half of it are tried anyway."""
+    names = [DRY, WAVE, HARD, MotorCoulomb(1, (0.1,)), MotorQuadraticDrag(1, (1e-5,))]
+    promised = [900.0, 500.0, 460.0, 440.0, 50.0]
+    levels = dict(zip(names, [left, *[20.0] * 4], strict=True))
+    short = [(SimpleNamespace(effect=e, gain=gain), None) for e, gain in zip(names, promised, strict=True)]
+    monkeypatch.setattr(ident.trials, "_with", lambda bench, state, candidate, origin: candidate.effect)
+    monkeypatch.setattr(ident.trials, "all_fitted", lambda bench, refits: (one(e, levels[e])[1] for e in refits))
+    found = refitted(BENCH, one(DRY, 30.0)[1], short, lambda line: None)  # type: ignore[arg-type]
+    assert [candidate.effect for candidate, _ in found] == names[: last + 1]
+
+
+def test_no_finalist_is_far_behind_the_best() -> None:
+    tried = [one(DRY, 30.0), one(HARD, 310.0), one(WAVE, 290.0), one(MotorCoulomb(1, (0.1,)), 500.0), one(CURVE, 299.0)]
+    assert _finalists(BENCH, tried, 1000.0 * DOF) == [tried[0], tried[2], tried[4]]
 
 
 @pytest.mark.parametrize(("promised", "best"), [(1100.0, TransmissionError), (100.0, LinkCoulomb)])
