@@ -16,6 +16,7 @@ from ident.minima import LEAST_GAIN, fully, told
 from ident.parts import degrees
 from ident.refits import (
     CLOSE,
+    HASTILY,
     NAMED,
     Bench,
     Refit,
@@ -34,6 +35,8 @@ from ident.trials import CURVES, polished, promising, refitted
 #: Curves at the port of a name that together do more than this share of what it did, or leave it less than this share of its
 #: size, make it superfluous, if they can.
 OUTDONE = 0.5
+#: Times what a model leaves that another may leave, hastily fitted, which may do better.
+HASTILY_MORE = 3.0
 #: Names tried in the place of a learned curve.
 NAMES = 6
 
@@ -73,8 +76,9 @@ def exchanged(
         others = [one for one in entry.others if all(not same(one.effects[-1], e) for e in state.effects)]
         if excess(bench, state) <= NAMED or not others or not any(same(entry.effect, e) for e in state.effects):
             continue
-        tried = list(all_fitted(bench, [instead(state, entry.effect, one) for one in others]))
-        best = min(tried, key=lambda one: one.select)
+        hastily = all_fitted(bench, [replace(instead(state, entry.effect, one), roughly=HASTILY) for one in others])
+        likely = [Refit.of(one) for one in hastily if one.select < HASTILY_MORE * state.select]
+        best = min(all_fitted(bench, likely), key=lambda one: one.select, default=state)
         least = max(LEAST_GAIN, LEAST_SHARE * (state.select - dof))
         by_curve = added[-1].effect.name == "unknown"
         if best.select > state.select - least or (by_curve and excess(bench, best) > CLOSE):

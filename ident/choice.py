@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ident.candidates import Candidate
-from ident.effects.base import Effect
+from ident.effects.base import Effect, has_forces, only_forces
 from ident.effects.catalogue import CATALOGUE
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
-from ident.refits import FINELY, NAMED, Bench, State, excess
+from ident.refits import CLOSE, FINELY, NAMED, Bench, State, excess
 
 #: An effect earns its place with this share of what was in excess, besides `LEAST_GAIN`.
 LEAST_SHARE = 0.2
@@ -17,6 +17,9 @@ LEAST_SHARE = 0.2
 CURVE_RATIO = 0.3
 #: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
 TIE, ALIKE = 12.0, 0.05
+#: Share of what any other candidate leaves that one leaves which is far ahead; of what there was, that an effect has to leave less of
+#: which does little of all.
+AHEAD, REST = 0.03, 0.2
 #: Share of chi^2 that the descents of two candidates may have left.
 DOUBT = 2.0 * FINELY
 
@@ -86,3 +89,26 @@ def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
     """Whether a learned curve, that can play any law of its variable, leaves so much less than a name that the name is wrong."""
     by_name = named.select - degrees(bench.split.select)
     return by_curve < CURVE_RATIO * by_name - LEAST_GAIN and excess(bench, named) > NAMED
+
+
+def drawn_whole(bench: Bench, tried: Sequence[Tried]) -> bool:
+    """Whether a curve of a force is the only one of `tried` that leaves nothing: its name, if it has one, is looked for where it is."""
+    best = min(tried, key=left_by, default=None)
+    return best is not None and is_curve(best) and has_forces(best[1].effects[-1]) and excess(bench, best[1]) <= NAMED
+
+
+def hardly_bent(bench: Bench, state: State, tried: Sequence[Tried]) -> bool:
+    """Whether a force leaves little beside what any other name does, and the model without: the arm was hardly bent."""
+    named, dof = best_names(tried), degrees(bench.split.select)
+    if len(named) < 2 or not only_forces(named[0][0].effect) or excess(bench, named[0][1]) > CLOSE:
+        return False
+    return left_by(named[0]) - dof < REST * (min(left_by(named[1]), state.select) - dof)
+
+
+def law_leads(tried: Sequence[Tried], first: float) -> bool:
+    """Whether the best of the names is a force and so far ahead of all others that none of these is it; impedances may have been
+    far from their place. None leads that leaves more than `first`, what there is without it."""
+    named = best_names(tried)
+    if len(named) < 2 or left_by(named[0]) >= first:
+        return False
+    return only_forces(named[0][0].effect) and left_by(named[0]) <= AHEAD * left_by(named[1])

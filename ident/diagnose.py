@@ -30,6 +30,7 @@ from ident.parts import Split, degrees, few_lines, sampled, split, split_lines
 from ident.refits import (
     CLOSE,
     FEW_SAMPLES,
+    HASTILY,
     NAMED,
     Bench,
     Refit,
@@ -121,7 +122,8 @@ class Begun:
         arms = [self.start.minimum.vector, np.concatenate([end.minimum.vector[: 4 * n], bench.guess.vector()[4 * n :]])]
         values = end.problem.base
         refits = [replace(part, vector=np.concatenate([arm, part.vector[values:]])) for part in parts for arm in arms]
-        return min(excess(bench, state) for state in all_fitted(bench, refits))
+        hastily = all_fitted(bench, [replace(one, roughly=HASTILY) for one in refits])
+        return excess(bench, fitted(bench, Refit.of(min(hastily, key=lambda state: state.select))))
 
     def diagnosed(self, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:
         """What explains the records, see `diagnose`."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.added import Added
 from ident.alike import names_alike
-from ident.choice import ALIKE, TIE, Tried, best_names, chosen, is_curve, left_by, plainest, rivals, vanished
+from ident.choice import AHEAD, ALIKE, TIE, Tried, best_names, chosen, is_curve, left_by, plainest, rivals, vanished
 from ident.departures import errors
 from ident.effects.base import Effect, has_forces
 from ident.gains import named_gains
@@ -32,7 +32,6 @@ from ident.refits import (
 )
 from ident.trace import Linearised, port_shares
 from ident.trials import (
-    AHEAD,
     ahead,
     at_minimum,
     earned,
@@ -193,7 +192,7 @@ def _best(
         for name in best_names(tried)[:1]:  # which may do as well at its minimum
             tried = [(one[0], fully(bench, one[1])) if one is name else one for one in tried]
         best = chosen(bench, tried, state.select)
-    if best is None or not np.isfinite(best[1].select):
+    if best is None or not np.isfinite(best[1].select) or (is_curve(best) and left_by(best) > state.select):
         return None, tried
     if more := giving(bench, state, lin, best, tried, progress):
         tried += more

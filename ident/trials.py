@@ -8,10 +8,21 @@ from dataclasses import replace
 import numpy as np
 
 from ident.candidates import Candidate, best_of, bounds, catalogue, larger, nearer, otherwise, units
-from ident.choice import LEAST_SHARE, Tried, best_names, is_curve, left_by
+from ident.choice import (
+    AHEAD,
+    LEAST_SHARE,
+    REST,
+    Tried,
+    best_names,
+    drawn_whole,
+    hardly_bent,
+    is_curve,
+    law_leads,
+    left_by,
+)
 from ident.contact import as_it_creeps, balanced, besides
 from ident.curves import curves, responses
-from ident.effects.base import Effect, has_forces, only_forces, only_impedance, overrides
+from ident.effects.base import Effect, only_impedance, overrides
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.structure import LockedJointElasticity
 from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
@@ -49,17 +60,14 @@ HARDLY = 0.125
 #: Candidates taken over from the declared arm; share of what the best promises from which a force that follows from the motion is
 #: tried where it is so many times as large, too; and share of what is left without a force that promises to do as much.
 SURELY, LIKELY, LARGER = 6, 0.5, 1.4
-#: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm first.
-BENT = 100.0
-#: Share of what any other candidate leaves that one leaves which is far ahead.
-AHEAD = 0.03
+#: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm, and first.
+BENT, FAR = 100.0, 1000.0
 #: What another leaves so far behind is not fitted finely, nor looked for where it is some other size.
 UNLIKELY = 0.1
 #: Candidates fitted finely before one is chosen.
 FINALISTS = 3
-#: Share of what was in excess without effects below which nothing more is looked for once little is left; where much is, an
-#: effect that does less has to leave less than this share of it.
-ENOUGH, REST = 3e-3, 0.2
+#: Share of what was in excess without effects below which nothing more is looked for once little is left.
+ENOUGH = 3e-3
 #: Share of a small rest that an effect must promise to be tried, and one that acts where dry friction does; of what friction leaves, that
 #: a law beside it may leave to be it, and of what one promises that leaves nothing, that others must.
 MOST, BESIDE, HALF = 0.5, 0.05, 0.5
@@ -95,22 +103,25 @@ def hasty(
     as in `explains`.
 
     The first effect is looked for from the declared arm, too: a fit that is far off bends everything else, shapes of an
-    impedance at any rate. Where it is very far that comes first, of later effects too, and is all if a name then explains the
-    records.
+    impedance at any rate. Where it is far so are later effects, unless a name explains the records already; where it is very far that
+    comes first.
     """
-    if excess(bench, state) > BENT:
+    if excess(bench, state) > FAR:
         declared = leader_finely(bench, _from_declared(bench, state, None, progress), progress)
         yield declared
         if _explaining(bench, declared, first) is None:
-            if not state.effects and _law_leads(declared, first):
+            if not state.effects and law_leads(declared, first):
                 yield _drawn(bench, state, lin, progress)
             else:
                 yield _from_fitted(bench, state, lin, first, progress)
-    elif state.effects:
-        yield _from_fitted(bench, state, lin, first, progress)
+    elif state.effects or excess(bench, state) > BENT:
+        tried = _from_fitted(bench, state, lin, first, progress)
+        yield tried
+        if excess(bench, state) > BENT and _explaining(bench, tried, first) is None:
+            yield leader_finely(bench, _from_declared(bench, state, None, progress), progress)
     else:
         tried = _from_fitted(bench, state, lin, first, progress)
-        if not (_drawn_whole(bench, tried) or _hardly_bent(bench, state, tried)):
+        if not (drawn_whole(bench, tried) or hardly_bent(bench, state, tried)):
             if _explaining(bench, tried, first) is None:
                 tried += _bending(bench, state, lin, progress)
             found = _explaining(bench, tried, first)
@@ -138,20 +149,6 @@ def _explaining(bench: Bench, tried: Sequence[Tried], first: float) -> Effect | 
     """The effect of the best name, if it explains the records."""
     name = min((one for one in tried if not is_curve(one)), key=left_by, default=None)
     return None if name is None or not explains(bench, name[1], first, CLOSE**2) else name[0].effect
-
-
-def _drawn_whole(bench: Bench, tried: Sequence[Tried]) -> bool:
-    """Whether a curve of a force is the only one of `tried` that leaves nothing: its name, if it has one, is looked for where it is."""
-    best = min(tried, key=left_by, default=None)
-    return best is not None and is_curve(best) and has_forces(best[1].effects[-1]) and excess(bench, best[1]) <= NAMED
-
-
-def _hardly_bent(bench: Bench, state: State, tried: Sequence[Tried]) -> bool:
-    """Whether a force leaves little beside what any other name does, and the model without: the arm was hardly bent."""
-    named, dof = best_names(tried), degrees(bench.split.select)
-    if len(named) < 2 or not only_forces(named[0][0].effect) or excess(bench, named[0][1]) > CLOSE:
-        return False
-    return left_by(named[0]) - dof < REST * (min(left_by(named[1]), state.select) - dof)
 
 
 def _from_fitted(
@@ -299,7 +296,7 @@ def outshines(bench: Bench, one: Tried, tried: Sequence[Tried], first: float) ->
         others = min((left_by(other) for other in tried if other[0].key != one[0].key), default=0.0)
         leads = left_by(one) <= min(AHEAD * others, LEADING * first)
         return leads or one[1].select - dof < ENOUGH * (first - dof)
-    return _law_leads(tried, first) and excess(bench, one[1]) <= CLOSE**2
+    return law_leads(tried, first) and excess(bench, one[1]) <= CLOSE**2
 
 
 def at_minimum(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
@@ -343,7 +340,7 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
     if likeliest is not best_name and (other := _other_whole(bench, likeliest[1], progress)) is not likeliest[1]:
         found = [(one[0], other) if one is likeliest else one for one in found]
         best_name = best_names(found)[0]
-    if _drawn_whole(bench, found):
+    if drawn_whole(bench, found):
         return found
     better = wound_up(bench, _otherwise(bench, best_name[1], progress), progress)
     far = not explains(bench, better, first) or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
@@ -365,18 +362,9 @@ def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried
     if explains(bench, named[0][1], first, CLOSE**2):
         rivals = [one for one in named[:FINALISTS] + (drawn[:1] if left > NAMED else []) if left_by(one) <= near]
         return rivals if len(rivals) > 1 or left > NAMED else []
-    if _law_leads(tried, first):
+    if law_leads(tried, first):
         return named[:1] + drawn[:1]
     return named[:1] + [one for one in named[1:FINALISTS] + drawn[:1] if UNLIKELY * left_by(one) <= left_by(named[0])]
-
-
-def _law_leads(tried: Sequence[Tried], first: float) -> bool:
-    """Whether the best of the names is a force and so far ahead of all others that none of these is it; impedances may have been
-    far from their place. None leads that leaves more than `first`, what there is without it."""
-    named = best_names(tried)
-    if len(named) < 2 or left_by(named[0]) >= first:
-        return False
-    return only_forces(named[0][0].effect) and left_by(named[0]) <= AHEAD * left_by(named[1])
 
 
 def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> State:

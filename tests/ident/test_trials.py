@@ -13,7 +13,7 @@ import ident.minima
 import ident.naming
 import ident.trials
 from ident.candidates import Candidate
-from ident.choice import vanished
+from ident.choice import drawn_whole, hardly_bent, law_leads, vanished
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.learned import learned
@@ -22,7 +22,7 @@ from ident.effects.structure import AttachedResonator
 from ident.finer import finely, leader_finely
 from ident.naming import of_any_order, plainer
 from ident.refits import FINELY, HASTILY
-from ident.trials import _drawn_whole, _finalists, _hardly_bent, _law_leads, ahead, outshines, polished, refitted
+from ident.trials import _finalists, ahead, outshines, polished, refitted
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -34,9 +34,9 @@ WAVE = TransmissionError(1, (1e-4, 2.0, 0.0))
 @pytest.fixture(autouse=True)
 def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
     BENCH.split = SimpleNamespace(select=())
-    for module in (ident.finer, ident.trials, ident.naming):
+    for module in (ident.choice, ident.finer, ident.trials, ident.naming):
         monkeypatch.setattr(module, "degrees", lambda data: DOF)
-    for module in (ident.finer, ident.trials, ident.naming, ident.minima):
+    for module in (ident.choice, ident.finer, ident.trials, ident.naming, ident.minima):
         monkeypatch.setattr(module, "excess", lambda bench, state: state.select / DOF)
 
 
@@ -47,8 +47,8 @@ def one(effect: Effect, level: float, roughly: float = HASTILY) -> Any:
 
 def test_none_leads_that_leaves_more_than_there_is_without_it() -> None:
     tried = [one(DRY, 260.0), one(MotorCoulomb(1, (0.1,)), 6e4)]
-    assert _law_leads(tried, 1000.0 * DOF) and ahead(BENCH, tried, 1000.0 * DOF) is tried[0]
-    assert not _law_leads(tried, 128.0 * DOF) and ahead(BENCH, tried, 128.0 * DOF) is None
+    assert law_leads(tried, 1000.0 * DOF) and ahead(BENCH, tried, 1000.0 * DOF) is tried[0]
+    assert not law_leads(tried, 128.0 * DOF) and ahead(BENCH, tried, 128.0 * DOF) is None
 
 
 @pytest.mark.parametrize(
@@ -203,13 +203,13 @@ def test_a_wave_that_is_not_whole_in_a_turn_of_the_motor_has_no_name(
     ],
 )
 def test_where_a_force_leaves_little_the_arm_was_hardly_bent(names: Any, unbent: bool) -> None:
-    assert _hardly_bent(BENCH, one(DRY, 30.0)[1], names) == unbent
+    assert hardly_bent(BENCH, one(DRY, 30.0)[1], names) == unbent
 
 
 def test_a_curve_that_leaves_nothing_ends_the_search_for_other_ports() -> None:
-    assert _drawn_whole(BENCH, [one(CURVE, 0.96), one(HARD, 2.5)])
-    assert not _drawn_whole(BENCH, [one(CURVE, 1.4), one(HARD, 2.5)]), "something is left"
-    assert not _drawn_whole(BENCH, [one(CURVE, 0.96), one(HARD, 0.95)]), "a name does, too"
+    assert drawn_whole(BENCH, [one(CURVE, 0.96), one(HARD, 2.5)])
+    assert not drawn_whole(BENCH, [one(CURVE, 1.4), one(HARD, 2.5)]), "something is left"
+    assert not drawn_whole(BENCH, [one(CURVE, 0.96), one(HARD, 0.95)]), "a name does, too"
 
 
 def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:
