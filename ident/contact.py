@@ -13,6 +13,7 @@ from ident.choice import Tried, is_curve, left_by
 from ident.curves import curve_of
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.creeping import Creeping
 from ident.effects.motor import TorqueScale
 from ident.minima import CREPT, creeping_like, crept, told
 from ident.refits import Bench, Refit, State, all_fitted, excess, same
@@ -27,8 +28,11 @@ def as_it_creeps(bench: Bench, tried: list[Tried], near: float, progress: Callab
         return tried
     if state.select > CREPT * best[1].select:
         return tried
-    progress(f"  as it creeps, {told(state.effects[-1])}: {excess(bench, state):.4g}")
     law = state.effects[-1]
+    if not isinstance(law, Creeping):
+        progress(f"  on, {told(law)}: {excess(bench, state):.4g}")
+        return [(one[0], state) if one is best else one for one in tried]
+    progress(f"  as it creeps, {told(law)}: {excess(bench, state):.4g}")
     alike = [
         one for one in tried
         if one[1].effects[-1].dry and not is_curve(one) and one[0].key[1:] == best[0].key[1:] and one[0].effect.numbers < law.numbers

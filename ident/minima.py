@@ -117,7 +117,8 @@ def _bending(bench: Bench, state: State) -> State:
 
 
 def crept(bench: Bench, state: State) -> State:
-    """The model, or one whose dry last effect creeps more or less than contacts are expected to, if that leaves less."""
+    """The model, or one whose dry last effect creeps more or less than contacts are expected to, if that leaves less; fitted on where
+    chi^2 still falls."""
     last = state.effects[-1]
     if not last.dry or isinstance(last, Creeping | Learned) or excess(bench, state) <= NAMED:
         return state
@@ -125,7 +126,7 @@ def crept(bench: Bench, state: State) -> State:
         bench, [replace(Refit.of(state), outer=1, roughly=HASTILY), creeping_like(state, FROM[0])]
     )
     if not near or near[0].select >= here.select - LEAST_GAIN:
-        return state
+        return here if here.select < FALLING * state.select else state
     dof, best = degrees(bench.split.select), near[0]
     if excess(bench, best) > NAMED and best.select - dof < CREPT * (here.select - dof):
         best = min(

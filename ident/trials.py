@@ -54,7 +54,7 @@ from symgen.forked import forked
 REFITTED, CURVES = (6, 40), 2
 #: Half of them hardly whatever they promise, as a promise is of first order: this share of what the best does; as many as make this many
 #: numbers to be fitted.
-SLIGHT, EFFORT = 0.05, 1.5e5
+SLIGHT, EFFORT = 0.1, 1.5e5
 #: Share of what earns a place that a candidate must promise to be tried once little is left: promises are nearly right there.
 HARDLY = 0.125
 #: Candidates taken over from the declared arm; share of what the best promises from which a force that follows from the motion is
@@ -62,6 +62,9 @@ HARDLY = 0.125
 SURELY, LIKELY, LARGER = 6, 0.5, 1.4
 #: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm, and first.
 BENT, FAR = 100.0, 1000.0
+#: Share of what there was that a name from the declared arm may leave for only curves to be tried from where the arm was fitted, and
+#: nothing that bends the whole arm.
+MUCH = 0.3
 #: What another leaves so far behind is not fitted finely, nor looked for where it is some other size.
 UNLIKELY = 0.1
 #: Candidates fitted finely before one is chosen.
@@ -109,8 +112,10 @@ def hasty(
     if excess(bench, state) > FAR:
         declared = leader_finely(bench, _from_declared(bench, state, None, progress), progress)
         yield declared
+        named = best_names(declared)
         if _explaining(bench, declared, first) is None:
-            if not state.effects and law_leads(declared, first):
+            much = bool(named) and left_by(named[0]) < MUCH * state.select
+            if much or (not state.effects and law_leads(declared, first)):
                 yield _drawn(bench, state, lin, progress)
             else:
                 yield _from_fitted(bench, state, lin, first, progress)
@@ -168,8 +173,8 @@ def _from_fitted(
             if c.gain > least or k < REFITTED[0] // 2 or (k < most // 2 and c.gain > slight)
         ]
         likely += balanced(lin, state.effects)
-    tried = _nearest_finely(bench, refitted(bench, state, [(c, lin) for c in likely], progress), progress)
-    tried = as_it_creeps(bench, tried, CLOSE**2, progress)
+    tried = as_it_creeps(bench, refitted(bench, state, [(c, lin) for c in likely], progress), CLOSE**2, progress)
+    tried = _nearest_finely(bench, tried, progress)
     if excess(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
         tried += _besides(bench, state, lin, progress)
     rubs = any(effect.dry for effect in state.effects)
@@ -226,7 +231,8 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
     if best is not None and only_shapes(best[0].effect) and excess(bench, best[1]) > CLOSE**2:
         tried += _bending(bench, state, declared, progress, lambda effect: same(effect, best[0].effect))
     all_at_once = best is not None and best[0].effect.joint is None
-    if found is None and not all_at_once and (not tried or excess(bench, min(tried, key=left_by)[1]) > BENT):
+    much = max(BENT * degrees(bench.split.select), MUCH * state.select)
+    if found is None and not all_at_once and all(left_by(one) > much for one in tried):
         # a soft base, or lock, bends the whole arm, and promises nothing from there
         tried += _bending(
             bench, state, declared, progress, lambda e: e.joint is None or isinstance(e, LockedJointElasticity)
