@@ -25,7 +25,7 @@ from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
-from ident.minima import afresh, elsewhere, settled, winds_up
+from ident.minima import afresh, elsewhere, on_declared_links, settled, winds_up
 from ident.parts import Split, degrees, few_lines, sampled, split, split_lines
 from ident.refits import (
     CLOSE,
@@ -132,10 +132,11 @@ class Begun:
             bench, start = _by_lines(bench, data, progress)
         state, added = _loop(bench, start, progress)
         left = _left_over(bench, start, state, added)
-        if left and not bench.split.note and not bench.late and _may_bend(bench, start, state):
+        unsure = excess(bench, state) > NAMED and _bends(bench, state, MAY_BEND)
+        if not bench.split.note and not bench.late and (_may_bend(bench, start, state) if left else unsure):
             by_lines = _by_lines(bench, data, progress)
             resumed = _resumed(*by_lines, state, added)
-            if resumed is not None or not added or _left(bench, start, state) > LEFT:
+            if resumed is not None or (left and (not added or _left(bench, start, state) > LEFT)):
                 other, more = _loop(*by_lines, progress, resumed)
                 if _left(*by_lines, other) < _left(bench, start, state):
                     (bench, start), state, added = by_lines, other, more
@@ -201,10 +202,14 @@ def _by_lines(bench: Bench, data: tuple[Evidence, ...], progress: Callable[[str]
 
 
 def _resumed(bench: Bench, start: State, found: State, added: Sequence[Added]) -> tuple[State, list[Added]] | None:
-    """The model with effects that were `found`, and `added`, by other parts of the records, if it leaves little by these, too."""
+    """The model with effects that were `found`, and `added`, by other parts of the records, if it leaves little by these, too: on declared
+    links, if it then leaves nothing, which the other parts may not have told."""
     if not added:
         return None
-    state = fitted(bench, Refit.of(found))
+    plain = on_declared_links(found)
+    state = fitted(bench, plain or Refit.of(found))
+    if plain is not None and excess(bench, state) > NAMED:
+        state = fitted(bench, Refit.of(found))
     if _left(bench, start, state) > LEFT:
         return None
     report = bench.split.report
