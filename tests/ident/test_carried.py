@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,9 +14,10 @@ from ident.bench import simulate
 from ident.diagnose import begin
 from ident.effects.base import Effect, Known
 from ident.effects.carried import Carrying, carrying, of_declared_links, shown
+from ident.effects.friction import LinkViscous
 from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.frf import estimate
-from ident.minima import _carrying
+from ident.minima import _carrying, on_declared_links
 from ident.refits import Refit, excess, fitted
 from symgen.chain import Chain, Inertia
 from symgen.plan import chain_of_robot, make_model
@@ -83,6 +86,26 @@ def test_links_may_be_off_in_all_ways_that_it_shows_and_in_no_other(effect: Effe
     columns, wanted = (np.concatenate([x.real, x.imag]) for x in (columns, change(off)))
     best = np.linalg.lstsq(columns, wanted, rcond=None)[0]
     assert np.linalg.norm(columns @ best - wanted) < 0.02 * np.linalg.norm(wanted)
+
+
+def test_a_model_is_fitted_again_on_declared_links_by_the_same_numbers() -> None:
+    chain = chain_of_robot(ROBOT)
+    effects = (
+        LinkViscous(0, (1.5,)),
+        carrying(BENT, np.zeros((10 * chain.n, 2))).with_values((*BENT.values, 0.1, 0.2)),
+        BASE,
+    )
+    values = np.concatenate([e.values for e in effects])
+    limits = tuple((value, value + 1.0) for value in values)
+    state: Any = SimpleNamespace(effects=effects, problem=SimpleNamespace(base=2), minimum=SimpleNamespace(vector=np.append([7.0, 8.0], values)),
+                                 scales=tuple(values), limits=limits)  # fmt: skip
+    refit = on_declared_links(state)
+    assert refit is not None and refit.effects == (effects[0], BENT, BASE)
+    plain = [1.5, *BENT.values, *BASE.values]
+    assert refit.vector.tolist() == [7.0, 8.0, *plain] and list(refit.scales) == plain
+    assert [low for low, _ in refit.limits] == plain
+    state.effects = effects[:1]
+    assert on_declared_links(state) is None
 
 
 #: From its own shapes, and from such as no record shows: a base that hardly weighs, and turns hardly.

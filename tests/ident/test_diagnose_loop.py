@@ -194,6 +194,40 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(mo
     assert asked == [start]
 
 
+@pytest.mark.parametrize(("chosen", "lines"), [(1.3, True), (0.95, False)])
+def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
+    chosen: float, lines: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The records that fit are fitted to the noise, and the little that the others leave is no departure."""
+    none: Any = SimpleNamespace(all=0.0)
+    first, found, other = (
+        SimpleNamespace(select=select, minimum=SimpleNamespace(chi2=fit), effects=())
+        for select, fit in ((500.0, 500.0), (chosen, 0.93), (0.94, 0.94))
+    )
+    bench: Any = SimpleNamespace(
+        split=SimpleNamespace(note="", fit=(), select=(), report=()), late=False, campaign=None, model=None
+    )
+    whole: Any = SimpleNamespace(
+        **{**vars(bench), "split": SimpleNamespace(note="lines", fit=(), select=(), report=())}
+    )
+    stand_ins = {
+        "degrees": lambda data: 1,
+        "_loop": lambda bench, start, progress, resumed=None: resumed or (found, []),
+        "_by_lines": lambda bench, data, progress: (whole, first),
+        "_resumed": lambda bench, start, state, added: (other, []),
+        "_left_over": lambda *of: (),
+        "contradicted": lambda bench, state: (),
+        "merged": lambda bench, state, contradictions: (state, ()),
+        "settled": lambda bench, state: state,
+        "errors": lambda *of: none,
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    monkeypatch.setattr("ident.refits.degrees", lambda data: 1)
+    told = Begun((), (), bench, first).diagnosed()  # type: ignore[arg-type]
+    assert (told.end is other, told.split.note) == (lines, "lines" if lines else "")
+
+
 @pytest.mark.parametrize(("left", "goes_on"), [(1.4, True), (9.0, False)])
 def test_lines_of_every_record_begin_with_what_was_found_where_that_leaves_little(
     left: float, goes_on: bool, monkeypatch: pytest.MonkeyPatch
@@ -211,7 +245,7 @@ def test_lines_of_every_record_begin_with_what_was_found_where_that_leaves_littl
         monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
     monkeypatch.setattr(Refit, "of", lambda state: state)
     bench: Any = SimpleNamespace(split=SimpleNamespace(select=(), report=()))
-    found: Any = SimpleNamespace()
+    found: Any = SimpleNamespace(effects=())
     resumed = _resumed(bench, start, found, [entry(0.3, 0.2), entry(0.2, 0.1)])  # type: ignore[arg-type]
     assert (resumed is not None) == goes_on
     assert resumed is None or [(one.before, one.after) for one in resumed[1]] == [(41.0, 0.2), (0.2, left)]
