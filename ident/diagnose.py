@@ -132,8 +132,9 @@ class Begun:
             bench, start = _by_lines(bench, data, progress)
         state, added = _loop(bench, start, progress)
         left = _left_over(bench, start, state, added)
+        little = not added and excess(bench, state) <= CLOSE
         unsure = excess(bench, state) > NAMED and _bends(bench, state, MAY_BEND)
-        if not bench.split.note and not bench.late and (_may_bend(bench, start, state) if left else unsure):
+        if not bench.split.note and not bench.late and (little or _may_bend(bench, start, state) if left else unsure):
             by_lines = _by_lines(bench, data, progress)
             resumed = _resumed(*by_lines, state, added)
             if resumed is not None or (left and (not added or _left(bench, start, state) > LEFT)):
