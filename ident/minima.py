@@ -17,6 +17,7 @@ from ident.effects.learned import Learned, bent
 from ident.parts import degrees, united
 from ident.refits import (
     BY_ALL,
+    CLOSE,
     FAINTLY,
     FINELY,
     FULLY,
@@ -125,15 +126,14 @@ def crept(bench: Bench, state: State) -> State:
     here, *near = _until_nothing(
         bench, [replace(Refit.of(state), outer=1, roughly=HASTILY), creeping_like(state, FROM[0])]
     )
-    if not near or near[0].select >= here.select - LEAST_GAIN:
-        return here if here.select < FALLING * state.select else state
-    dof, best = degrees(bench.split.select), near[0]
-    if excess(bench, best) > NAMED and best.select - dof < CREPT * (here.select - dof):
-        best = min(
-            [best, *_until_nothing(bench, [creeping_like(state, decades) for decades in FROM[1:]])],
-            key=lambda other: other.select,
-        )
-    return best
+    best, dof, found = min([here, *near], key=lambda other: other.select), degrees(bench.split.select), near
+    helps = best.select - dof < CREPT * (here.select - dof)
+    if near and excess(bench, best) > NAMED and (helps or excess(bench, here) <= CLOSE):  # else more is missing
+        found = [*near, *_until_nothing(bench, [creeping_like(state, decades) for decades in FROM[1:]])]
+    best = min(found, key=lambda other: other.select, default=here)
+    if best.select < here.select - LEAST_GAIN:
+        return best
+    return here if here.select < FALLING * state.select else state
 
 
 def creeping_like(state: State, decades: float) -> Refit:
