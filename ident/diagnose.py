@@ -128,7 +128,7 @@ class Begun:
     def diagnosed(self, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:
         """What explains the records, see `diagnose`."""
         data, bench, start = self.data, self.bench, self.start
-        if not bench.split.note and _bends(bench, start, BENDS):
+        if not bench.split.note and (_bends(bench, start, BENDS) or _fits_alone(bench, start)):
             bench, start = _by_lines(bench, data, progress)
         state, added = _loop(bench, start, progress)
         left = _left_over(bench, start, state, added)
@@ -188,6 +188,11 @@ def _bends(bench: Bench, state: State, times: float) -> bool:
     """Whether a model fits the records that fit so many times better than the others: these leave too much of it free."""
     fitting = state.minimum.chi2 / degrees(bench.split.fit)
     return excess(bench, state) - 1.0 > times * (max(fitting - 1.0, 0.0) + 0.1)
+
+
+def _fits_alone(bench: Bench, state: State) -> bool:
+    """Whether the records that fit are explained and the others not: these may tell too little of the arm's constants."""
+    return state.minimum.chi2 / degrees(bench.split.fit) <= NAMED < excess(bench, state)
 
 
 def _may_bend(bench: Bench, start: State, state: State) -> bool:

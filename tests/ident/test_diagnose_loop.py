@@ -19,7 +19,7 @@ from ident.campaign import Array, Campaign
 from ident.candidates import catalogue, otherwise
 from ident.coupled import declared_start
 from ident.departures import groups
-from ident.diagnose import Begun, Diagnosis, _bent, _little, _loop, _resumed, begin, diagnose
+from ident.diagnose import Begun, Diagnosis, _bent, _fits_alone, _little, _loop, _resumed, begin, diagnose
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.friction import LinkViscous
@@ -226,6 +226,24 @@ def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
     monkeypatch.setattr("ident.refits.degrees", lambda data: 1)
     told = Begun((), (), bench, first).diagnosed()  # type: ignore[arg-type]
     assert (told.end is other, told.split.note) == (lines, "lines" if lines else "")
+
+
+@pytest.mark.parametrize(
+    ("fit", "chosen", "alone"),
+    [
+        (0.93, 1.3, True),
+        (0.93, 0.95, False),
+        (1.4, 1.9, False),
+    ],  # the second is explained, the third is not by any records
+)
+def test_records_that_fit_but_explain_no_others_tell_too_little(
+    fit: float, chosen: float, alone: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in ("diagnose", "refits"):
+        monkeypatch.setattr(f"ident.{module}.degrees", lambda data: 1)
+    bench: Any = SimpleNamespace(split=SimpleNamespace(fit=(), select=()))
+    state: Any = SimpleNamespace(select=chosen, minimum=SimpleNamespace(chi2=fit))
+    assert _fits_alone(bench, state) == alone
 
 
 @pytest.mark.parametrize(("left", "goes_on"), [(1.4, True), (9.0, False)])
