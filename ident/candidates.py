@@ -54,13 +54,10 @@ def units(lin: Linearised, effect: type[Effect], joint: int | None) -> tuple[flo
     """What one unit of each parameter is, for an effect at a joint: the largest one at a joint that turns for an effect of the whole arm,
     and for one that turns whatever its joint does at a slide."""
     chain = lin.problem.data[0].scene.chain
-    turning = [j for j in range(lin.problem.n) if chain is None or chain.joints[j].type != PRISMATIC]
-    at = [joint] if joint is not None else turning
-    if effect.turns and turning and joint not in turning:
-        at = turning
-    every = [
-        [scale(p.relative, _sizes(lin, effect.port, j)) for p in effect.parameters] for j in at or range(lin.problem.n)
-    ]
+    joints = list(range(lin.problem.n))
+    turning = [j for j in joints if chain is None or chain.joints[j].type != PRISMATIC] or joints
+    at = turning if joint is None or (effect.turns and joint not in turning) else [joint]
+    every = [[scale(p.relative, _sizes(lin, effect.port, j)) for p in effect.parameters] for j in at]
     return tuple(np.max(every, axis=0).tolist()) if every[0] else ()
 
 

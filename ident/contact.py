@@ -29,13 +29,11 @@ def as_it_creeps(bench: Bench, tried: list[Tried], near: float, progress: Callab
     if state.select > CREPT * best[1].select:
         return tried
     law = state.effects[-1]
-    if not isinstance(law, Creeping):
-        progress(f"  on, {told(law)}: {excess(bench, state):.4g}")
-        return [(one[0], state) if one is best else one for one in tried]
-    progress(f"  as it creeps, {told(law)}: {excess(bench, state):.4g}")
+    creeps = isinstance(law, Creeping)
+    progress(f"  {'as it creeps' if creeps else 'on'}, {told(law)}: {excess(bench, state):.4g}")
     alike = [
         one for one in tried
-        if one[1].effects[-1].dry and not is_curve(one) and one[0].key[1:] == best[0].key[1:] and one[0].effect.numbers < law.numbers
+        if creeps and one[1].effects[-1].dry and not is_curve(one) and one[0].key[1:] == best[0].key[1:] and one[0].effect.numbers < law.numbers
     ]  # fmt: skip
     found = {id(best): state}
     for one in alike:

@@ -25,7 +25,7 @@ from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
-from ident.minima import afresh, elsewhere, on_declared_links, settled, winds_up
+from ident.minima import afresh, elsewhere, settled, winds_up
 from ident.parts import Split, degrees, few_lines, sampled, split, split_lines
 from ident.refits import (
     CLOSE,
@@ -40,6 +40,7 @@ from ident.refits import (
     first,
     fitted,
     linearised,
+    on_declared_links,
     same,
     some,
 )
@@ -132,9 +133,7 @@ class Begun:
             bench, start = _by_lines(bench, data, progress)
         state, added = _loop(bench, start, progress)
         left = _left_over(bench, start, state, added)
-        little = not added and excess(bench, state) <= CLOSE
-        unsure = excess(bench, state) > NAMED and _bends(bench, state, MAY_BEND)
-        if not bench.split.note and not bench.late and (little or _may_bend(bench, start, state) if left else unsure):
+        if not bench.split.note and not bench.late and _doubtful(bench, start, state, bool(left)):
             by_lines = _by_lines(bench, data, progress)
             resumed = _resumed(*by_lines, state, added)
             if resumed is not None or (left and (not added or _left(bench, start, state) > LEFT)):
@@ -198,6 +197,14 @@ def _fits_alone(bench: Bench, state: State) -> bool:
 def _may_bend(bench: Bench, start: State, state: State) -> bool:
     """Whether records that fit may leave too much free, without effects or with those found."""
     return _bends(bench, start, MAY_BEND) or _bends(bench, state, MAY_BEND)
+
+
+def _doubtful(bench: Bench, start: State, state: State, left: bool) -> bool:
+    """Whether lines of every record may tell more: where something is `left` if the records that fit may leave too much free, or if it
+    is little though nothing was found; else if only the choosing records leave more than noise."""
+    if left:
+        return _may_bend(bench, start, state) or (state is start and excess(bench, state) <= CLOSE)
+    return excess(bench, state) > NAMED and _bends(bench, state, MAY_BEND)
 
 
 def _by_lines(bench: Bench, data: tuple[Evidence, ...], progress: Callable[[str], None]) -> tuple[Bench, State]:

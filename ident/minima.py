@@ -188,18 +188,6 @@ def _carrying_as_shown(bench: Bench, state: State) -> State:
     return new
 
 
-def on_declared_links(state: State) -> Refit | None:
-    """The model, to be refitted with effects that carry the declared links. None where they do."""
-    if not any(isinstance(effect, Carrying) for effect in state.effects):
-        return None
-    effects = tuple(map(of_declared_links, state.effects))
-    first = np.cumsum([0, *(len(e.values) for e in state.effects)])
-    slots = [first[k] + i for k, e in enumerate(effects) for i in range(len(e.values))]
-    base = state.problem.base
-    vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][slots]])
-    return Refit(vector, effects, tuple(state.scales[i] for i in slots), tuple(state.limits[i] for i in slots))
-
-
 def _plausible(state: State) -> list[Array]:
     """The values of all effects, those of the last, which carries links, anew: stiffnesses half and twice, or of several the stiffer
     ones as the least and a few times that, frequencies as is usual; links as declared. None of what has no stiffness."""

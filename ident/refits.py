@@ -15,6 +15,7 @@ from ident.campaign import Array, Campaign
 from ident.coupled import DOUBTS, problem_of
 from ident.descent import Minimum, minimise
 from ident.effects.base import Effect, PortLaw
+from ident.effects.carried import of_declared_links
 from ident.effects.learned import Learned
 from ident.evidence import Evidence
 from ident.parts import Split, degrees, few_lines, sampled
@@ -210,6 +211,17 @@ def some(state: State, keep: Sequence[int]) -> Refit:
         tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use), tuple(state.limits[k] for k in use)
     )  # fmt: skip
     return Refit(vector, effects, scales, limits)
+
+
+def on_declared_links(state: State) -> Refit | None:
+    """The model, to be refitted with effects that carry the declared links. None where they do."""
+    effects = tuple(map(of_declared_links, state.effects))
+    if effects == state.effects:
+        return None
+    base = state.problem.base
+    use = np.concatenate([slots[: len(e.values)] for slots, e in zip(_slots(state), effects, strict=True)])
+    vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][use]])
+    return Refit(vector, effects, tuple(state.scales[i] for i in use), tuple(state.limits[i] for i in use))
 
 
 def standing(bench: Bench, state: State, keep: Sequence[int]) -> tuple[State, Linearised]:

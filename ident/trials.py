@@ -262,14 +262,14 @@ def refitted(
     """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted; once one leaves nothing, where
     there was much, none that promises much less."""
     refits = [_with(bench, state, candidate, origin) for candidate, origin in short]
+    candidates, whole = [candidate for candidate, _ in short], 0.0
     tried: list[Tried] = []
-    whole = 0.0
-    for k, new in enumerate(all_fitted(bench, refits)):
-        tried.append((short[k][0], new))
-        progress(f"  {told(new.effects[-1])}: {excess(bench, new):.4g}, promised {short[k][0].gain:.3g}")
+    for candidate, new in zip(candidates, all_fitted(bench, refits), strict=True):
+        tried.append((candidate, new))
+        progress(f"  {told(new.effects[-1])}: {excess(bench, new):.4g}, promised {candidate.gain:.3g}")
         if excess(bench, new) <= NAMED and excess(bench, state) > CLOSE:
-            whole = max(whole, short[k][0].gain)
-        if all(candidate.gain < HALF * whole for candidate, _ in short[k + 1 :]):
+            whole = max(whole, candidate.gain)
+        if all(other.gain < HALF * whole for other in candidates[len(tried) :]):
             break
     return tried
 

@@ -78,7 +78,7 @@ def parse(text: str, drives: Sequence[Drive]) -> Effect:
         if p.relative and p.name not in values and set(values) <= {known.name for known in cls.parameters}:
             if p.relative != "K":
                 raise IdentError(f"effect {text!r}: {p.name} is missing; expected {p.name}=<number> [{p.unit or '1'}]")
-            values[p.name] = p.sizes[0] * _stiffness(cls, index, drives)
+            values[p.name] = p.sizes[0] * stiffness(cls, index, drives)
     effect = cls.of(index, values)
     if isinstance(effect, motor.MotorCoupling):
         effect.other(len(drives))
@@ -116,7 +116,7 @@ def _joint(text: str, cls: type[Effect], joint: str | None, drives: Sequence[Dri
     return names.index(joint)
 
 
-def _stiffness(cls: type[Effect], joint: int | None, drives: Sequence[Drive]) -> float:
+def stiffness(cls: type[Effect], joint: int | None, drives: Sequence[Drive]) -> float:
     """What a stiffness of an effect is a share of: its joint's, or the largest one that is turned where the effect turns."""
     if joint is not None and not (cls.turns and drives[joint].linear):
         return drives[joint].K

@@ -11,7 +11,7 @@ from outside import OUTSIDE, OUTSIDE_RANGES
 from ident.bench import simulate
 from ident.campaign import Record
 from ident.effects.base import Effect, scale
-from ident.effects.catalogue import CATALOGUE
+from ident.effects.catalogue import CATALOGUE, stiffness
 from ident.effects.motor import MotorCoupling
 from symgen.chain import Chain
 from symgen.robot import Robot
@@ -103,8 +103,7 @@ def draw(
     at = None if cls.scope == ("arm",) else joint
     unit = scales["loaded" if name in LOADED else "link" if cls.port in ("structure", "sensor") else cls.port]
     share = scales["loaded"]["torque"] if name == "load-dependent-friction" else 1.0
-    turning = [drive.K for drive in robot.drives if not drive.linear]
-    stiff = {"K": max(turning)} if cls.turns and turning and robot.drive(chain.names[joint]).linear else {}
+    stiff = {"K": stiffness(cls, joint, [robot.drive(name) for name in chain.names])}
     values = {}
     for p in cls.parameters:
         if p.name in ranges:

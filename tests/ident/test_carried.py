@@ -17,8 +17,8 @@ from ident.effects.carried import Carrying, carrying, of_declared_links, shown
 from ident.effects.friction import LinkViscous
 from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.frf import estimate
-from ident.minima import _carrying, on_declared_links
-from ident.refits import Refit, excess, fitted
+from ident.minima import _carrying
+from ident.refits import Refit, excess, fitted, on_declared_links
 from symgen.chain import Chain, Inertia
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
