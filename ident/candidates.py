@@ -16,7 +16,6 @@ from ident.errors import IdentError
 from ident.frf import Complex
 from ident.periods import spectrum
 from ident.trace import Linearised
-from symgen.chain import PRISMATIC
 from symgen.forked import forked
 
 #: Orders [per revolution] at which cogging, ripple and gear errors are looked for, how many of them are scored; and orders, or
@@ -55,7 +54,7 @@ def units(lin: Linearised, effect: type[Effect], joint: int | None) -> tuple[flo
     and for one that turns whatever its joint does at a slide."""
     chain = lin.problem.data[0].scene.chain
     joints = list(range(lin.problem.n))
-    turning = [j for j in joints if chain is None or chain.joints[j].type != PRISMATIC] or joints
+    turning = [j for j in joints if chain is None or not chain.slides(j)] or joints
     at = turning if joint is None or (effect.turns and joint not in turning) else [joint]
     every = [[scale(p.relative, _sizes(lin, effect.port, j)) for p in effect.parameters] for j in at]
     return tuple(np.max(every, axis=0).tolist()) if every[0] else ()

@@ -21,6 +21,7 @@ from ident.arm_fit import Problem, spectrum
 from ident.arm_model import DRIVES
 from ident.campaign import Array, Campaign
 from ident.descent import Minimum
+from symgen.chain import Chain
 from symgen.plan import Model
 
 #: A number contradicts what was declared when it is this many standard deviations off, and more than the model is granted.
@@ -78,13 +79,19 @@ def deviations(
     covariance = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T * np.outer(problem.scale, problem.scale)
     hidden = vectors[:, ~seen] * problem.scale[:, None]
     granted = BESIDE if problem.effects else ALONE
-    result = _drives(campaign, problem, found, covariance, hidden, granted)
+    result = _drives(campaign, model.chain, problem, found, covariance, hidden, granted)
     links = _links(model, basis, problem, found, covariance, hidden, granted)
     return tuple(sorted(result + links, key=lambda d: -d.sigmas))
 
 
 def _drives(
-    campaign: Campaign, problem: Problem, found: Minimum, covariance: Array, hidden: Array, granted: Granted
+    campaign: Campaign,
+    chain: Chain,
+    problem: Problem,
+    found: Minimum,
+    covariance: Array,
+    hidden: Array,
+    granted: Granted,
 ) -> list[Deviation]:
     p, n = problem.parameters(found.vector), problem.n
     result = []
@@ -100,6 +107,8 @@ def _drives(
             off = now - was
             if abs(off) > SIGMAS * std and abs(off) > getattr(granted, field) * was:
                 name, unit = UNITS[field]
+                if field == "D_spring" and chain.slides(j):
+                    unit = "Ns/m"
                 result.append(
                     Deviation(
                         NAMES[field], j, ((name, off, std, unit),), abs(off) / std, np.array([k]), np.log([now / was])

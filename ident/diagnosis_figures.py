@@ -47,14 +47,17 @@ def before_after_figure(row: HeldOut) -> str:
         return svg("What each model leaves of the response, before and after, against the noise")
 
 
-def law_figure(force: Force) -> str:
-    """Returns what acted at a port, found from the records (dots) and as the effect has it, against the port's own motion."""
+def law_figure(force: Force, slides: bool) -> str:
+    """Returns what acted at a port, found from the records (dots) and as the effect has it, against the port's own motion; its joint
+    `slides` or turns."""
+    rad, angle, N, torque = ("m", "position", "N", "force") if slides else ("rad", "angle", "N m", "torque")
     names = {
         "motor": ("motor angle - mean [rad]", "motor velocity [rad/s]", "motor torque [N m]"),
-        "spring": ("deflection - mean [rad]", "rate of deflection [rad/s]", "spring torque [N m]"),
-        "link": ("link angle - mean [rad]", "link velocity [rad/s]", "spring torque [N m]"),
+        "spring": (f"deflection - mean [{rad}]", f"rate of deflection [{rad}/s]", f"spring {torque} [{N}]"),
+        "link": (f"link {angle} - mean [{rad}]", f"link velocity [{rad}/s]", f"spring {torque} [{N}]"),
         "sensor": ("motor angle - mean [rad]", "motor velocity [rad/s]", "motor torque [N m]"),
     }[force.port]
+    ylabel = {"sensor": "error of the angle [rad]", "motor": "torque [N m]"}.get(force.port, f"{torque} [{N}]")
     step = max(1, len(force.found) // INSTANTS)
     pick = slice(None, None, step)
     with drawing(7.4, 2.9, f"law {force.port} {force.joint} {force.record}") as (figure, svg):
@@ -67,7 +70,7 @@ def law_figure(force: Force) -> str:
             axes.set_xlabel(name, loc="left")
             axes.locator_params(axis="x", nbins=5)
             axes.ticklabel_format(scilimits=(-2, 3))  # so that labels are short
-        row[0].set_ylabel("error of the angle [rad]" if force.port == "sensor" else "torque [N m]")
+        row[0].set_ylabel(ylabel)
         row[0].plot([], [], linestyle="none", marker=".", color=DATA, label="from the records, no law assumed")
         row[0].plot([], [], linestyle="none", marker=".", color=FIT, label="the effect")
         figure.legend(*row[0].get_legend_handles_labels(), loc="upper center", ncol=2)

@@ -126,7 +126,7 @@ def result_document(d: Diagnosis) -> dict[str, Any]:
         },
         **_drives(d),
         "effects": [
-            {"name": e.name, "joint": _joint(d.campaign, e.joint), "port": e.port, "parameters": _parameters(e, ())}
+            {"name": e.name, "joint": _joint(d.campaign, e.joint), "port": e.port, "parameters": _parameters(d, e, ())}
             for e in d.end.effects
         ],
         "chi2_per_dof": found.chi2 / dof,
@@ -194,13 +194,13 @@ def _declared(d: Diagnosis) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _parameters(effect: Effect, std: Sequence[float]) -> dict[str, Any]:
+def _parameters(d: Diagnosis, effect: Effect, std: Sequence[float]) -> dict[str, Any]:
     deviations = std or (float("nan"),) * len(effect.values)
     return {
         p.name: {
             "value": value,
             "std": None if p.whole or (p.declared and not deviation) else deviation,
-            "unit": p.unit,
+            "unit": effect.unit(p, d.model.chain.slides(effect.joint)),
         }
         for p, value, deviation in zip(effect.parameters, effect.values, deviations, strict=True)
         if not p.aside
@@ -220,7 +220,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
         "joint": _joint(c, e.joint),
         "port": e.port,
         "declared": False,
-        "parameters": _parameters(e, added.std),
+        "parameters": _parameters(d, e, added.std),
         "links_fitted": sum(p.aside for p in e.parameters),
         "before": added.before,
         "after": added.after,
@@ -240,7 +240,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
         "confounded_with": _confounded(d, e.name, e.joint, [*((t.name, t.joint) for t in added.tied), *as_good]),
     }
     if isinstance(e, Learned):
-        entry["curve"] = e.curve()
+        entry["curve"] = e.curve(d.model.chain.slides(e.joint))
     return entry
 
 

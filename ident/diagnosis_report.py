@@ -50,6 +50,7 @@ def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
             effects=[(e, meaning(e), _law(d, a.effect)) for e, a in zip(_lacking(verdict), d.added, strict=True)],
             numbers=[(e, meaning(e), _share(verdict, e)) for e in _off(verdict)],
             drives=_drives(verdict),
+            slides=any(map(d.model.chain.slides, range(d.model.chain.n))),
             ports=_port_map(d),
             entries=_entries(verdict, d.campaign.n),
             todo=todo(verdict),
@@ -254,7 +255,7 @@ def _curve(curve: dict[str, Any], port: str) -> str:
     if curve["variable"] == "frequency":
         signal = "angle that is measured" if port == "sensor" else "torque that is commanded"
         return f"gain and delay of the {signal}, as curves of frequency"
-    again = f", again every {curve['period']:.4g} rad" if curve.get("period") else ""
+    again = f", again every {curve['period']:.4g} {curve['period_unit']}" if curve.get("period") else ""
     return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
 
 
@@ -293,7 +294,10 @@ def _law(d: Diagnosis, effect: Effect) -> dict[str, Markup | str] | None:
     force = reconstructed(d, effect)
     if force is None:
         return None
-    return {"figure": Markup(law_figure(force)), "record": d.campaign.records[force.record].id}
+    return {
+        "figure": Markup(law_figure(force, d.model.chain.slides(force.joint))),
+        "record": d.campaign.records[force.record].id,
+    }
 
 
 def _port_map(d: Diagnosis) -> dict[str, list[float | None]]:

@@ -149,6 +149,10 @@ class Chain:
     def names(self) -> tuple[str, ...]:
         return tuple(joint.name for joint in self.joints)
 
+    def slides(self, joint: int | None) -> bool:
+        """Whether a joint slides: metres and newtons are beyond its gear; an arm as a whole, None, does not."""
+        return joint is not None and self.joints[joint].type == PRISMATIC
+
     @cached_property
     def parameters(self) -> Array:
         """The inertial parameters of all bodies, base to tip [10 n]."""

@@ -36,6 +36,7 @@ class Parameter:
     `scale`: a size fits a watch and a crane then. A `whole` number is one of `sizes`, or another, and never refined. What
     is `declared` is a number that the fitted arm has of its own: it is told by that, the effect's stays where it vanishes.
     What is `aside` is nobody's parameter: it is fitted with the effect and not told; it is about zero, give or take 1.
+    `sliding` is its unit beyond the gear of a joint that slides, where that is another one.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Parameter:
     whole: bool = False
     declared: bool = False
     aside: bool = False
+    sliding: str = ""
 
 
 #: What a parameter may be relative to, at the effect's port and joint: rms "torque", "angle" and "rate", the spring's "K",
@@ -192,6 +194,12 @@ class Effect(ABC):
     def numbers(self) -> int:
         """How many numbers it is told by."""
         return sum(not p.aside for p in self.parameters)
+
+    @classmethod
+    def unit(cls, parameter: Parameter, slides: bool) -> str:
+        """The unit of a parameter where the effect's joint slides, or turns; a motor turns whatever its joint does."""
+        there = slides and cls.port != "motor"
+        return (parameter.sliding if there else "") or parameter.unit
 
     def with_values(self, values: Sequence[float]) -> Self:
         return replace(self, values=tuple(float(v) for v in values))

@@ -77,11 +77,14 @@ def parse(text: str, drives: Sequence[Drive]) -> Effect:
     for p in cls.parameters:
         if p.relative and p.name not in values and set(values) <= {known.name for known in cls.parameters}:
             if p.relative != "K":
-                raise IdentError(f"effect {text!r}: {p.name} is missing; expected {p.name}=<number> [{p.unit or '1'}]")
+                unit = cls.unit(p, index is not None and drives[index].linear)
+                raise IdentError(f"effect {text!r}: {p.name} is missing; expected {p.name}=<number> [{unit or '1'}]")
             values[p.name] = p.sizes[0] * stiffness(cls, index, drives)
     effect = cls.of(index, values)
     if isinstance(effect, motor.MotorCoupling):
         effect.other(len(drives))
+    if isinstance(effect, structure.AttachedResonator) and all(d.linear for d in drives[: (index or 0) + 1]):
+        raise IdentError(f"effect {text!r}: no joint turns what carries it, so nothing would feel it")
     return effect
 
 
@@ -94,7 +97,10 @@ def truth(effects: Sequence[Effect], drives: Sequence[Drive]) -> dict[str, Any]:
                 "joint": None if effect.joint is None else drives[effect.joint].joint,
                 "port": effect.port,
                 "parameters": {
-                    p.name: {"value": value, "unit": p.unit}
+                    p.name: {
+                        "value": value,
+                        "unit": effect.unit(p, effect.joint is not None and drives[effect.joint].linear),
+                    }
                     for p, value in zip(effect.parameters, effect.values, strict=True)
                 },
             }

@@ -53,7 +53,7 @@ class SpringDamping(Effect):
     """Another viscous damping in the gear than declared."""
 
     name, port, declared = "spring-damping", "spring", True
-    parameters = (Parameter("damping", "Nms/rad", 0.0, 50.0, (1.0,), linear=True, relative="damping"),)
+    parameters = (Parameter("damping", "Nms/rad", 0.0, 50.0, (1.0,), linear=True, relative="damping", sliding="Ns/m"),)
 
     def arm(self, arm: Arm, record: int) -> Arm:
         return _with_drive(arm, self.joint, lambda d: replace(d, D_spring=d.D_spring + self["damping"]))

@@ -16,9 +16,7 @@ from ident.effects.base import Complex, Known, Law, Parameter
 from ident.effects.impedance import at_link
 from ident.effects.motion import State, direction
 
-
-def _level(unit: str = "Nm") -> Parameter:
-    return Parameter("level", unit, 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque")
+_LEVEL = Parameter("level", "Nm", 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque", sliding="N")
 
 
 @final
@@ -26,7 +24,7 @@ class MotorCoulomb(Law):
     """Dry friction of the motor and the fast gear stage."""
 
     name, port, dry = "motor-coulomb", "motor", True
-    parameters = (_level(),)
+    parameters = (_LEVEL,)
 
     def law(self, at: State) -> Any:
         return -self["level"] * direction(at.omega, at.N, self.creep)
@@ -75,7 +73,7 @@ class LinkCoulomb(Law):
     """Dry friction of the output bearing and its seals."""
 
     name, port, dry = "link-coulomb", "link", True
-    parameters = (_level(),)
+    parameters = (_LEVEL,)
 
     def law(self, at: State) -> Any:
         return -self["level"] * direction(at.q_rate, 1.0, self.creep)
@@ -86,7 +84,9 @@ class LinkViscous(Law):
     """Viscous friction of the output bearing."""
 
     name, port, linear, drags = "link-viscous", "link", True, True
-    parameters = (Parameter("damping", "Nms/rad", 0.0, 10.0, (0.1, 0.02), linear=True, relative="torque/rate"),)
+    parameters = (
+        Parameter("damping", "Nms/rad", 0.0, 10.0, (0.1, 0.02), linear=True, relative="torque/rate", sliding="Ns/m"),
+    )
 
     def law(self, at: State) -> Any:
         return -self["damping"] * at.q_rate

@@ -23,8 +23,8 @@ class Hysteresis(PeriodicLaw):
     #: It is against the motion of a motor, adds to the torque of a spring.
     sign: ClassVar[float]
     parameters = (
-        Parameter("level", "Nm", 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque"),
-        Parameter("distance", "rad", 0.005, 5.0, (0.1, 0.5), zero=None, relative="angle"),
+        Parameter("level", "Nm", 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque", sliding="N"),
+        Parameter("distance", "rad", 0.005, 5.0, (0.1, 0.5), zero=None, relative="angle", sliding="m"),
     )
 
     def over_period(self, at: State) -> Array:

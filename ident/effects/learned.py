@@ -18,7 +18,7 @@ from ident.effects.motion import AT, State, Told, direction
 
 
 class Kind(NamedTuple):
-    """What a curve is a function `of` and what it is multiplied by: `times`; unit, reference and bounds of its heights, see
+    """What a curve is a function `of` and what it is multiplied by: `times`; units, reference and bounds of its heights, see
     `Parameter`. A `load` is a spring's torque, a `drive` the motor's own, a `turn` the motor's angle."""
 
     of: str
@@ -27,6 +27,7 @@ class Kind(NamedTuple):
     relative: str = "torque"
     low: float = -1e3
     high: float = 1e3
+    sliding: str = "N"
 
     @property
     def dry(self) -> bool:
@@ -49,9 +50,9 @@ KINDS = {
     "sliding": Kind("velocity", "direction", low=0.0),
     "loaded": Kind("load", "direction", low=0.0),
     "driven": Kind("drive", "direction", low=0.0),
-    "damping": Kind("position", "velocity", "Nms/rad", "torque/rate"),
-    "gain": Kind("position", "drive", "", "", -0.9, 9.0),
-    "stiffness": Kind("turn", "position", "Nm/rad", "K", -0.5, 2.0),
+    "damping": Kind("position", "velocity", "Nms/rad", "torque/rate", sliding="Ns/m"),
+    "gain": Kind("position", "drive", "", "", -0.9, 9.0, sliding=""),
+    "stiffness": Kind("turn", "position", "Nm/rad", "K", -0.5, 2.0, "N/m"),
 }
 #: The variables at each port.
 VARIABLES = {
@@ -72,11 +73,12 @@ class Learned(Effect):
     period: ClassVar[float | None] = None
     smooth: ClassVar[bool] = False
 
-    def curve(self) -> dict[str, Any]:
-        """The curve in plain numbers; `at` is the knot of every parameter."""
+    def curve(self, slides: bool = False) -> dict[str, Any]:
+        """The curve in plain numbers, where its joint `slides`, or turns; `at` is the knot of every parameter."""
         return {
             "variable": self.variable, "knots": list(self.knots), "period": self.period, "heights": list(self.values),
-            "unit": self.parameters[0].unit, "at": list(self.knots), "smooth": self.smooth,
+            "unit": self.unit(self.parameters[0], slides), "at": list(self.knots), "smooth": self.smooth,
+            "period_unit": "m" if slides and self.port != "motor" else "rad",
         }  # fmt: skip
 
 
@@ -201,7 +203,16 @@ def learned(
     )  # a motor has a damping besides, to which its curve adds
     low = 0.0 if only_lost else kind.low
     heights = tuple(
-        Parameter(f"height_{k + 1}", kind.unit, low, kind.high, (0.0,), linear=True, relative=kind.relative)
+        Parameter(
+            f"height_{k + 1}",
+            kind.unit,
+            low,
+            kind.high,
+            (0.0,),
+            linear=True,
+            relative=kind.relative,
+            sliding=kind.sliding,
+        )
         for k in range(len(at))
     )
 

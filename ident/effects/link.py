@@ -17,8 +17,8 @@ class CableStiffness(Law):
 
     name, port, linear = "cable-stiffness", "link", True
     parameters = (
-        Parameter("stiffness", "Nm/rad", 0.0, 1.0, (0.005, 0.02), linear=True, relative="K"),
-        Parameter("neutral", "rad", -10.0, 10.0, (0.0,), zero=None),
+        Parameter("stiffness", "Nm/rad", 0.0, 1.0, (0.005, 0.02), linear=True, relative="K", sliding="N/m"),
+        Parameter("neutral", "rad", -10.0, 10.0, (0.0,), zero=None, sliding="m"),
     )
 
     def law(self, at: State) -> Any:

@@ -21,11 +21,15 @@ class Response(Learned):
 
     variable = "frequency"
 
-    def curve(self) -> dict[str, Any]:
+    def curve(self, slides: bool = False) -> dict[str, Any]:
         """Its heights are gains; besides them, `delays` [s]."""
         gains, delays = np.split(np.asarray(self.values), [len(self.knots) - 1])
         heights = [1.0, *np.exp(gains).tolist()]
-        return super().curve() | {"heights": heights, "delays": delays.tolist(), "at": [*self.knots[1:], *self.knots]}
+        return super().curve(slides) | {
+            "heights": heights,
+            "delays": delays.tolist(),
+            "at": [*self.knots[1:], *self.knots],
+        }
 
     def response(self, s: Complex) -> Complex:
         """What becomes of the signal [S] at s."""

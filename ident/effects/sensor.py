@@ -16,7 +16,7 @@ class JointZeroOffset(Effect):
     """The joint's zero is not where it reads zero: it really is at q + offset."""
 
     name, port = "joint-zero-offset", "sensor"
-    parameters = (Parameter("offset", "rad", -np.pi, np.pi, (0.05, -0.05)),)
+    parameters = (Parameter("offset", "rad", -np.pi, np.pi, (0.05, -0.05), sliding="m"),)
 
     def posture(self, q: Array) -> Array:
         assert self.joint is not None

@@ -18,7 +18,9 @@ class SpringHardening(Law):
     """A spring that stiffens (or, negative, softens) as it is wound: cubic x^3 besides K x."""
 
     name, port = "spring-hardening", "spring"
-    parameters = (Parameter("cubic", "Nm/rad3", -1.0, 10.0, (0.3, -0.1), linear=True, relative="K/angle^2"),)
+    parameters = (
+        Parameter("cubic", "Nm/rad3", -1.0, 10.0, (0.3, -0.1), linear=True, relative="K/angle^2", sliding="N/m3"),
+    )
 
     def law(self, at: State) -> Any:
         return self["cubic"] * at.deflection * at.deflection * at.deflection
@@ -29,7 +31,7 @@ class Backlash(Law):
     """Play: no torque within +-gap/2 of zero deflection, K beyond."""
 
     name, port = "backlash", "spring"
-    parameters = (Parameter("gap", "rad", 0.0, 5.0, (0.3, 0.1), relative="angle"),)
+    parameters = (Parameter("gap", "rad", 0.0, 5.0, (0.3, 0.1), relative="angle", sliding="m"),)
 
     def law(self, at: State) -> Any:
         half = self["gap"] / 2
@@ -43,7 +45,7 @@ class SpringRelaxation(PortLaw):
 
     name, port, linear = "spring-relaxation", "spring", True
     parameters = (
-        Parameter("stiffness", "Nm/rad", 0.0, 10.0, (0.1, 0.03), linear=True, relative="K"),
+        Parameter("stiffness", "Nm/rad", 0.0, 10.0, (0.1, 0.03), linear=True, relative="K", sliding="N/m"),
         Parameter("time", "s", 5e-4, 20.0, (0.003, 0.01, 0.03, 0.1, 0.3), zero=None),
     )
 
@@ -76,7 +78,7 @@ class TransmissionError(Law):
 
     name, port = "transmission-error", "spring"
     parameters = (
-        Parameter("amplitude", "rad", -1.0, 1.0, (0.1, 0.03), linear=True, relative="angle"),
+        Parameter("amplitude", "rad", -1.0, 1.0, (0.1, 0.03), linear=True, relative="angle", sliding="m"),
         Parameter("order", "1/rev", 1.0, 200.0, (1.0, 2.0, 4.0), zero=None, whole=True),
         Parameter("phase", "rad", -np.pi, np.pi, (0.0, np.pi / 2), zero=None),
     )

@@ -9,7 +9,7 @@ import numpy as np
 from ident.effects.base import Array, Body, Complex, Effect, Known, Parameter, Swing
 from ident.effects.impedance import Sprung, coupling, own_inertia, posed, weighed
 from ident.effects.sway import bent, rocked, second_order
-from symgen.chain import PRISMATIC, Chain
+from symgen.chain import Chain
 
 #: Retardation time [s] of a spring: its damping over its stiffness. At 30 Hz, 2e-4 s is 2 % of critical.
 _DAMPING = Parameter("damping", "s", 0.0, 0.01, (2e-4,), zero=None)
@@ -21,7 +21,10 @@ class LockedJointElasticity(Effect):
     """A joint that the lock holds rigid gives all the same: its link on its own spring, the motor still."""
 
     name, port, carries = "locked-joint-elasticity", "structure", True
-    parameters = (Parameter("stiffness", "Nm/rad", 0.05, 100.0, (1.0,), zero=None, relative="K"), _DAMPING)
+    parameters = (
+        Parameter("stiffness", "Nm/rad", 0.05, 100.0, (1.0,), zero=None, relative="K", sliding="N/m"),
+        _DAMPING,
+    )
 
     def impedance(self, s: Complex, arm: Known) -> Complex:
         """On the other joints; nothing where the joint is not locked, but live in J."""
@@ -144,7 +147,7 @@ class LinkFlexibility(Effect):
         weight = None
         if arm.chain is None:
             C, own = arm.J[[i]] * share, arm.J[i : i + 1, i : i + 1] * share
-        elif across or arm.chain.joints[i].type == PRISMATIC:
+        elif across or arm.chain.slides(i):
             at = posed(arm.chain, arm.posture)
             axis = at.R[i] @ self._axis(arm.chain)
             motion = np.concatenate([np.cross(at.p[i], axis), axis])
@@ -187,7 +190,7 @@ class AttachedResonator(Effect):
     Every joint that turns the link about that axis feels it, s^2 J (s d + k) / (s^2 J + s d + k) times the cosines.
     """
 
-    name, port = "attached-resonator", "structure"
+    name, port, turns = "attached-resonator", "structure", True
     parameters = (
         Parameter("inertia", "kgm2", 0.0, 10.0, (0.1, 0.03), relative="J"),
         Parameter("frequency", "Hz", 0.5, 1e3, (10.0, 20.0, 40.0, 80.0), zero=None),

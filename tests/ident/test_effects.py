@@ -11,6 +11,7 @@ from ident.effects.base import PORTS, SCALES, Effect, Known, Law, scale
 from ident.effects.catalogue import CATALOGUE, parse, truth
 from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.impedance import coupling, inertia_and_weight, posed, slopes, weighed
+from ident.effects.learned import learned
 from ident.effects.motion import SIGNALS, Motion, State
 from ident.effects.structure import LinkFlexibility
 from ident.errors import IdentError
@@ -294,6 +295,27 @@ def test_text_becomes_an_effect() -> None:
     }  # fmt: skip
 
 
+def test_beyond_the_gear_of_a_slide_units_are_metres_and_newtons() -> None:
+    """What is relative to a motion, a force or the spring there, whatever the effect; its motor turns."""
+    linear = {"Nm": "N", "rad": "m", "Nm/rad": "N/m", "Nms/rad": "Ns/m", "Nm/rad3": "N/m3"}
+    beyond = [kind for kind in CATALOGUE.values() if kind.port in ("spring", "link", "structure") and not kind.turns]
+    for kind in [kind for kind in beyond if "joint" in kind.scope]:
+        effect = kind.of(2, {})
+        for p in [p for p in kind.parameters if p.relative]:
+            assert (effect.unit(p, True), effect.unit(p, False)) == (linear[p.unit], p.unit), (kind.name, p.name)
+    for text, unit in (("joint-zero-offset", "m"), ("motor-coulomb:level=0.02", "Nm"), ("link-coulomb:level=3", "N")):
+        drives = load_robot(ROBOTS / "scara4").drives
+        (told,) = truth([parse(text + "@joint3", drives)], drives)["effects"]
+        assert [p["unit"] for p in told["parameters"].values()] == [unit]
+    cogging = learned("link", "friction", (0.0, 0.01, 0.02), 0.03)(2, (0.0,) * 3)
+    assert [cogging.curve(slides)[key] for slides in (True, False) for key in ("unit", "period_unit")] == [
+        "N",
+        "m",
+        "Nm",
+        "rad",
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -319,6 +341,15 @@ def test_what_can_not_be_is_one_line(text: str, message: str) -> None:
     with pytest.raises(IdentError, match=message) as error:
         parse(text, ROBOT.drives)
     assert "\n" not in str(error.value)
+
+
+def test_a_disc_that_nothing_turns_is_refused() -> None:
+    slides = [replace(drive, linear=True) for drive in ROBOT.drives]
+    with pytest.raises(IdentError, match="no joint turns"):
+        parse("attached-resonator:inertia=1@joint2", slides)
+    assert parse("attached-resonator:inertia=1@joint2", [ROBOT.drives[0], *slides[1:]]).joint == 1
+    with pytest.raises(IdentError, match=r"level=<number> \[N\]"):
+        parse("link-coulomb@joint2", slides)
 
 
 def test_declared_effects_need_no_hook_of_the_fit_but_for_what_is_not_declared() -> None:
