@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from math import ceil, floor
+from operator import mul
 
 import mujoco
 import numpy as np
@@ -22,6 +23,9 @@ from ident.injection import Injected, Live, mass_matrix
 from ident.ports import Port, torques
 
 Array = NDArray[np.float64]
+
+#: MuJoCo's stage up to which nothing is found again that forces do not change.
+_MOVED = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 #: Least steps a sample with effects: forces are held over a step, and torques and angles change and are read within samples.
 STEPS = 4
@@ -56,8 +60,8 @@ class Machine:
         self._ctrl = np.array([u * joint.path.gain for u, joint in zip(preload, arm.live, strict=True)])
         data.ctrl[:] = self._ctrl
         mujoco.mj_forward(model, data)
-        of_rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        self._lacking = rk4.defect(arm.generator(), 2 * model.nv, Ts, steps) if of_rk4 else None
+        self._of_rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self._lacking = rk4.defect(arm.generator(), 2 * model.nv, Ts, steps) if self._of_rk4 else None
         self._states = [replace(state) for state in arm.states]
         self._rest = [state.theta for state in arm.states]
         self._driven = [effect for effect in arm.effects if effect.driven(self._states, self._rest)]
@@ -99,7 +103,7 @@ class Machine:
             line.push(command[k])
         direct = [a + b for a, b in zip(command, disturbance, strict=True)]
         away = self._away
-        away[: model.nv] = data.qpos - self._arm.plant.qpos
+        np.subtract(data.qpos, self._arm.plant.qpos, out=away[: model.nv])
         away[model.nv : 2 * model.nv] = data.qvel
         if self._ports and self._done % REFRESH == 0:
             self._share()
@@ -136,7 +140,9 @@ class Machine:
         before = [self._motor(k) for k, _, _, step in self._moments if step == j] if self._moments else None
         if self._ports or self._driven:
             self._push()
-        mujoco.mj_step(model, data)
+            self._move()
+        else:
+            mujoco.mj_step(model, data)
         if self._ports and any(port.ahead for port in self._ports):
             ahead = [port.ahead / self._W[k][k] for k, port in enumerate(self._ports)]
             self._make_up(
@@ -173,7 +179,7 @@ class Machine:
                         applied[dof] += factor * F
             data.qfrc_applied[:] = applied
             if self._ports:
-                mujoco.mj_forward(self._model, data)
+                mujoco.mj_forwardSkip(self._model, data, _MOVED, 1)
                 a = data.qacc.tolist()
         if self._ports:
             self._foresee(a)
@@ -183,12 +189,20 @@ class Machine:
                     applied[dof] += factor * port_.F
         data.qfrc_applied[:] = applied
 
+    def _move(self) -> None:
+        """One step of the integrator; what follows from positions and velocities alone `_push` has found already."""
+        if not self._of_rk4:
+            mujoco.mj_step(self._model, self._data)
+            return
+        mujoco.mj_forwardSkip(self._model, self._data, _MOVED, 1)
+        mujoco.mj_RungeKutta(self._model, self._data, 4)
+
     def _foresee(self, a: Sequence[float]) -> None:
         """Tells each port how its acceleration without its torque grows, as it has grown since the last step; what the motors' own torques do
         jumps where these are held, and is left out."""
         ctrl = self._data.ctrl.tolist()
         for k, port in enumerate(self._ports):
-            pull = port.velocity(a) - sum(by * torque for by, torque in zip(self._by_motors[k], ctrl, strict=True))
+            pull = port.velocity(a) - sum(map(mul, self._by_motors[k], ctrl))
             port.more = 0.0 if self._pulls[k] is None else (pull - self._pulls[k]) / self._h
             self._pulls[k] = pull
 
@@ -206,7 +220,8 @@ class Machine:
         ctrl = self._data.ctrl.tolist()
         for k, joint in self._moving:
             state, i, j, N = self._states[joint.index], joint.motor, joint.spring, joint.drive.N
-            motor, spring = (x[d] + 0.5 * h * v[d] + 0.125 * h * h * a[d] for d in (i, j))
+            motor = x[i] + 0.5 * h * v[i] + 0.125 * h * h * a[i]
+            spring = x[j] + 0.5 * h * v[j] + 0.125 * h * h * a[j]
             w, s = v[i] + 0.5 * h * a[i], v[j] + 0.5 * h * a[j]
             state.theta, state.omega, state.tau = N * motor, N * w, ctrl[k]
             state.q, state.q_rate = motor + spring, w + s
