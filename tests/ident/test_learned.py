@@ -36,7 +36,10 @@ from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=4))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, fs=500.0))
+FINE = replace(SHORT, experiment=replace(SHORT.experiment, fs=1000.0))
+#: Laws so steep at standstill that they are drawn to the noise by finer samples only.
+STEEP = ("root-damper", "falling-friction")
 #: One record at each rest of the joint: 150 rad of the motor apart, all within 2 rad each.
 JOINT, RESTS, NEAR = 1, (-1.1, -0.2, 0.31, 1.3), (0.31, 0.32)
 TEETH = 3.0
@@ -146,9 +149,10 @@ def bench(name: str, *values: float, rests: tuple[float, ...] = RESTS) -> Bench:
 
 @cache
 def _bench(name: str, values: tuple[float, ...], rests: tuple[float, ...]) -> Bench:
-    chain = chain_of_robot(SHORT)
+    robot = FINE if name in STEEP else SHORT
+    chain = chain_of_robot(robot)
     cells = [(chain.names[JOINT], angle * np.eye(chain.n)[JOINT]) for angle in rests]
-    c = simulate(chain, SHORT, cells, effects=[{**OUTSIDE, **CATALOGUE}[name](JOINT, values)], workers=1, seed=3)
+    c = simulate(chain, robot, cells, effects=[{**OUTSIDE, **CATALOGUE}[name](JOINT, values)], workers=1, seed=3)
     model = make_model(chain, believe_zeros=True)
     basis = gravity_basis(model, c.gravity)
     responses = tuple(estimate(record, c) for record in c.records)
