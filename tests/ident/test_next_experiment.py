@@ -51,13 +51,14 @@ def test_friction_that_falls_with_speed_is_looked_for_at_small_motions(verdict):
     cells = load_plan_cells(found.files[1], model)
     assert {cell.joint for cell in cells} == {"joint2"} and len(cells) == len(found.cells) == 2
     record = campaign().records[1]
-    swing = np.abs(record.theta[-1000:, 1] - record.theta[-1000:, 1].mean()).max() / 100
+    S = record.samples_per_period
+    swing = np.abs(record.theta[-S:, 1] - record.theta[-S:, 1].mean()).max() / 100
     assert 0.5 * SMALLER * swing < robot.experiment.swing < 2.0 * SMALLER * swing
     assert all(file.is_file() for file in found.files)
     assert (robot.drive("joint2").K, robot.drive("joint2").D) == (4500.0, 3e-5)  # as declared
     assert robot.urdf.read_text() == campaign().urdf  # so that both campaigns are of one robot
     played = np.loadtxt(next(f for f in found.files if f.name == "0001.csv"), delimiter=",", skiprows=1)
-    assert len(played) == 1000 and np.abs(played[:, 1]).max() > 0.0
+    assert len(played) == S and np.abs(played[:, 1]).max() > 0.0
 
 
 def test_new_postures_are_far_from_those_measured(verdict):
@@ -85,7 +86,7 @@ def test_every_recipe_is_ready_to_run(verdict, recipe, joints):
     found = planned(verdict, recipe)
     assert len({cell.joint for cell in found.cells}) == joints
     e = load_robot(found.files[0]).experiment
-    assert (e.f0, e.band[1]) == ((0.5, 400.0) if recipe == "lines" else (1.0, pytest.approx(99.0, abs=1.1)))
+    assert (e.f0, e.band[1]) == ((0.5, 0.4 * e.fs) if recipe == "lines" else (1.0, pytest.approx(99.0, abs=1.1)))
     assert len(found.text.splitlines()) == 2 and str(found.files[1]) in found.text
     assert json.loads(json.dumps(found.document()))["recipe"] == recipe
 
