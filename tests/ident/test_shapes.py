@@ -26,14 +26,14 @@ from symgen.robot import load_robot
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 ROBOT = load_robot(ROBOTS / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, fs=500.0))
 #: The last link bends: stiffness, share, damping, about the joint's axis.
 LAST = LinkFlexibility(2, (6642.0, 0.48, 1.48e-3, 0.0))
 
 
 @cache
 def begun() -> Begun:
-    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells]
+    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells if not cell.spare]
     campaign = simulate(chain_of_robot(SHORT), SHORT, cells, effects=[LAST], seed=5, workers=1)
     responses = tuple(estimate(record, campaign) for record in campaign.records)
     return begin(campaign, make_model(chain_of_robot(SHORT), believe_zeros=True), responses)
