@@ -86,7 +86,9 @@ def test_every_recipe_is_ready_to_run(verdict, recipe, joints):
     found = planned(verdict, recipe)
     assert len({cell.joint for cell in found.cells}) == joints
     e = load_robot(found.files[0]).experiment
-    assert (e.f0, e.band[1]) == ((0.5, 0.4 * campaign().fs) if recipe == "lines" else (1.0, pytest.approx(99.0, abs=1.1)))
+    assert (e.f0, e.band[1]) == (
+        (0.5, 0.4 * campaign().fs) if recipe == "lines" else (1.0, pytest.approx(99.0, abs=1.1))
+    )
     assert len(found.text.splitlines()) == 2 and str(found.files[1]) in found.text
     assert json.loads(json.dumps(found.document()))["recipe"] == recipe
 

@@ -23,7 +23,9 @@ CHAIN = chain_of_robot(ROBOT)
 
 
 def begun(*effects: str, times: int = 1) -> Begun:
-    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(ROBOT).cells] * times
+    """By the cells that the constants need; more than once, by the spare ones, too."""
+    planned = [cell for cell in plan_of_robot(ROBOT).cells if times > 1 or not cell.spare]
+    cells = [(cell.joint, np.array(cell.q)) for cell in planned] * times
     parsed = [parse(text, [ROBOT.drive(name) for name in CHAIN.names]) for text in effects]
     campaign = simulate(CHAIN, ROBOT, cells, effects=parsed, workers=1, seed=11)
     responses = tuple(estimate(record, campaign) for record in campaign.records)
