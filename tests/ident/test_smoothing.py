@@ -60,22 +60,24 @@ def levels(
 
 
 @pytest.mark.parametrize(
-    ("effect", "joint", "measured", "smoothed"),
+    ("effect", "joint", "f0", "measured", "smoothed"),
     [
-        pytest.param(MotorCoulomb(0, (4e-3,)), "joint2", 2.0, 1.15, id="a motor that sticks"),
-        pytest.param(MotorCoulomb(1, (3e-2,)), "joint2", 10.0, 1.1, id="a motor that stops and turns often"),
-        pytest.param(MotorStribeck(0, (5e-3, 3e-2, 2.0)), "joint1", 2.0, 1.2, id="periods that differ near standstill"),
+        pytest.param(MotorCoulomb(0, (4e-3,)), "joint2", 1.0, 2.0, 1.15, id="a motor that sticks"),
+        pytest.param(MotorCoulomb(1, (3e-2,)), "joint2", 1.0, 10.0, 1.1, id="a motor that stops and turns often"),
+        pytest.param(
+            MotorStribeck(0, (5e-3, 3e-2, 2.0)), "joint1", 1.0, 2.0, 1.2, id="periods that differ near standstill"
+        ),
         # other draws: 0.5 to 2.9 with the smoothed motion, 15 to 1070 with the measured one
-        pytest.param(MotorStribeck(1, (2e-2, 6e-2, 3.0)), "joint2", 100.0, 3.0, id="turns that do not settle"),
-        pytest.param(LinkCoulomb(1, (0.4,)), "joint1", 100.0, 1.15, id="a link that sticks"),
-        pytest.param(LinkCoulomb(1, (0.4,)), "joint2", 1.15, 1.0, id="a link that slides"),
-        pytest.param(SpringHardening(1, (3e7,)), "joint2", 100.0, 1.15, id="a spring under load"),
+        pytest.param(MotorStribeck(1, (2e-2, 6e-2, 3.0)), "joint2", 0.5, 100.0, 3.0, id="turns that do not settle"),
+        pytest.param(LinkCoulomb(1, (0.4,)), "joint1", 1.0, 100.0, 1.15, id="a link that sticks"),
+        pytest.param(LinkCoulomb(1, (0.4,)), "joint2", 0.5, 1.15, 1.0, id="a link that slides"),
+        pytest.param(SpringHardening(1, (3e7,)), "joint2", 1.0, 100.0, 1.15, id="a spring under load"),
     ],
 )
 def test_true_parameters_explain_a_record_with_the_motion_they_make(
-    effect: Effect, joint: str, measured: float, smoothed: float
+    effect: Effect, joint: str, f0: float, measured: float, smoothed: float
 ) -> None:
-    by_measured, by_smoothed = levels(effect, joint, (0.0, 0.4, 0.8))
+    by_measured, by_smoothed = levels(effect, joint, (0.0, 0.4, 0.8), f0=f0)
     assert by_smoothed < smoothed
     assert by_measured > measured
 
@@ -108,7 +110,7 @@ def test_a_joint_is_beside_its_posture_by_more_than_a_softer_spring_would_do() -
 
 
 def test_what_drags_beside_what_rubs_is_of_the_motion_that_both_leave() -> None:
-    assert levels(MotorCoulomb(1, (3e-2,)), "joint2", (0.0, 0.4, 0.8), MotorQuadraticDrag(1, (2e-3,)))[1] < 1.1
+    assert levels(MotorCoulomb(1, (3e-2,)), "joint2", (0.0, 0.4, 0.8), MotorQuadraticDrag(1, (2e-3,)), f0=1.0)[1] < 1.1
 
 
 def test_a_law_of_velocity_settles_by_the_best_line_through_velocity() -> None:
