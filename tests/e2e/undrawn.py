@@ -15,4 +15,5 @@ def undrawn() -> Iterator[None]:
         patch.setattr("ident.figures.frf_figure", lambda *_: "")
         patch.setattr("ident.figures.distortion_figure", lambda *_: None)
         patch.setattr("ident.figures.summary_figure", lambda *_: "")
+        patch.setattr("ident.figures.sweep_figures", lambda *_: ())
         yield
