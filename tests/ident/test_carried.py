@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from diagnosed import ROOT
 
 from ident.bench import simulate
-from ident.diagnose import begin
+from ident.diagnose import Begun, begin
 from ident.effects.base import Effect, Known
 from ident.effects.carried import Carrying, carrying, of_declared_links, shown
 from ident.effects.friction import LinkViscous
@@ -108,17 +109,21 @@ def test_a_model_is_fitted_again_on_declared_links_by_the_same_numbers() -> None
     assert on_declared_links(state) is None
 
 
+@cache
+def begun() -> Begun:
+    """By records of an arm on a soft base, of links that are not the declared ones."""
+    chain = chain_of_robot(ROBOT)
+    short = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, band=(2.0, 120.0), fs=500.0))
+    true = heavier(chain, (0.05, -0.06, 0.04), (-0.02, 0.03, 0.02))
+    campaign = simulate(chain, short, CELLS, truth=true, effects=[BASE], workers=1)
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    return begin(campaign, make_model(chain, believe_zeros=True), responses)
+
+
 #: From its own shapes, and from such as no record shows: a base that hardly weighs, and turns hardly.
 @pytest.mark.parametrize("shapes", [BASE.values, (1.5e5, 4e7, 6e3, 2e-4)])
 def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing(shapes: tuple[float, ...]) -> None:
-    chain = chain_of_robot(ROBOT)
-    short = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, band=(2.0, 120.0), periods=4))
-    true = heavier(chain, (0.05, -0.06, 0.04), (-0.02, 0.03, 0.02))
-    campaign = simulate(chain, short, CELLS, truth=true, effects=[BASE], workers=1)
-    begun = begin(
-        campaign, make_model(chain, believe_zeros=True), tuple(estimate(r, campaign) for r in campaign.records)
-    )
-    bench = begun.bench
+    bench = begun().bench
     limits = tuple((0.2 * min(b, v), 5.0 * max(b, v)) for b, v in zip(BASE.values, shapes, strict=True))
     vector = np.concatenate([bench.guess.vector(), shapes])
     declared = fitted(bench, Refit(vector, (BASE,), BASE.values, limits))

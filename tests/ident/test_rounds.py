@@ -30,8 +30,7 @@ from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
-CELLS = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells]
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3, fs=500.0))
 RINGS, SCALE = "attached-resonator", "torque-scale"
 
 
@@ -39,9 +38,10 @@ RINGS, SCALE = "attached-resonator", "torque-scale"
 def begun() -> Begun:
     """Something rings on a link whose drive gives another torque than it says."""
     chain = chain_of_robot(SHORT)
+    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells]
     drives = [SHORT.drive(name) for name in chain.names]
     texts = f"{RINGS}:inertia=7e-4,frequency=27.5,damping=1.8e-4@joint3", f"{SCALE}:error=-0.046@joint3"
-    campaign = simulate(chain, SHORT, CELLS, effects=[parse(text, drives) for text in texts], workers=1, seed=11)
+    campaign = simulate(chain, SHORT, cells, effects=[parse(text, drives) for text in texts], workers=1, seed=11)
     responses = tuple(estimate(record, campaign) for record in campaign.records)
     model, _ = model_of_campaign(campaign, responses, True, "coupled")
     return begin(campaign, model, responses)
