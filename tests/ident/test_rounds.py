@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,7 @@ def begun() -> Begun:
     return begin(campaign, model, responses)
 
 
+@cache
 def alone(begun: Begun, name: str) -> Tried:
     """The arm with one of both, from what is declared."""
     declared = linearised(begun.start.problem, begun.bench.guess.vector())
