@@ -68,7 +68,7 @@ def test_the_papers_plan_in_numbers(paper: Plan) -> None:
 
 
 def test_what_the_diagonal_can_not_see_is_stated_with_its_measurement() -> None:
-    (unseen,) = make_plan(arm("ur5"), spare=0).document["unseen"]
+    (unseen,) = make_plan(arm("ur5"), spare=0, effort="draft").document["unseen"]
     assert unseen["entry"] == "J_12" and unseen["measure"] == "cross response 1 -> 2"
     assert unseen["directions"] == unseen["postures"] == len(unseen["alpha"]) == 6
 
@@ -78,7 +78,9 @@ def test_snapped_angles_are_stated_with_their_cost() -> None:
     assert chain_of_file(path)[1] is None
     chain = arm("xarm7")
     assert chain.snapped, "xArm7 writes pi/2 as 1.5708"
-    snapped = make_plan(chain, unsnapped=parse_chain(chain.source, snap=False), spare=0).document["snapped"]
+    snapped = make_plan(chain, unsnapped=parse_chain(chain.source, snap=False), spare=0, effort="draft").document[
+        "snapped"
+    ]
     assert {row["to"] for row in snapped} <= {"pi/2", "-pi/2", "pi", "-pi"}
     assert 1e-8 < max(row["cost"] for row in snapped) < 1e-5
 

@@ -25,7 +25,7 @@ YPP3 = REPOSITORY / "robots/ypp3/ypp3.urdf"
 
 @cache
 def drawn(name: str) -> tuple[str, list[Cell]]:
-    plan = make_plan(arm(name), believe_zeros=name == "ypp3")
+    plan = make_plan(arm(name), believe_zeros=name == "ypp3", effort="draft")
     return draw(plan.model, plan.cells, plan.document["plan"]["amplification_per_joint"]), list(plan.cells)
 
 
