@@ -223,14 +223,14 @@ def test_what_gives_is_found_from_where_it_is_hardly_felt() -> None:
 
 
 def test_a_winding_valley_is_followed_by_its_bend() -> None:
-    """A spring behind a spring: from far along the valley of their stiffnesses, steps of stiffness go 5 % of the way; what both give
+    """A spring behind a spring: from far along the valley of their stiffnesses, steps of stiffness go 9 % of the way; what both give
     adds up, and is stepped along."""
     robot = load_robot(ROOT / "robots/ypp3")
     sharp = tuple(replace(drive, encoder_counts=2**20) for drive in robot.drives)
     brief = replace(robot.experiment, f0=2.0, band=(2.0, 200.0), periods=3, torque_noise=5e-4)
     short = replace(robot, experiment=brief, drives=sharp)
     bend = LinkFlexibility(0, (6000.0, 0.64, 2e-4, 0.0))
-    cells = [(joint, [0, a, b]) for a, b in ((0.7, 0.5), (0.2, 1.8), (1.2, -1.0)) for joint in ("joint1", "joint2")]
+    cells = [(joint, [0, a, b]) for a, b in ((0.7, 0.5), (1.2, -1.0)) for joint in ("joint1", "joint2")]
     c = simulate(chain_of_robot(robot), short, cells, effects=[bend], workers=1)
     model = make_model(chain_of_robot(robot), believe_zeros=True)
     responses = tuple(estimate(record, c) for record in c.records)
