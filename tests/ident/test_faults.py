@@ -130,7 +130,7 @@ def test_nothing_is_found_where_nothing_is(name: str, wrong: bool) -> None:
 def test_an_effect_of_the_arm_is_no_fault_of_the_recording(effect: str) -> None:
     """Friction that nearly holds a joint, a spring that is none: the fit's business, or the diagnosis'."""
     robot = quick("ypp3")
-    robot = replace(robot, experiment=replace(robot.experiment, f0=1.0, band=(1.0, 120.0), periods=3))
+    robot = replace(robot, experiment=replace(robot.experiment, f0=2.0, band=(2.0, 120.0)))
     chain = chain_of_robot(robot)
     drives = [robot.drive(joint) for joint in chain.names]
     effects = [parse(f"{effect}@{joint}", drives) for joint in chain.names]
