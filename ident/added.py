@@ -30,7 +30,8 @@ from ident.refits import (
     some,
     without,
 )
-from ident.trials import CURVES, polished, promising, refitted
+from ident.trials import CURVES, polished, promising
+from ident.tried import refitted
 
 #: Curves at the port of a name that together do more than this share of what it did, or leave it less than this share of its
 #: size, make it superfluous, if they can.

@@ -13,7 +13,7 @@ from ident.minima import LEAST_GAIN, fully, told
 from ident.parts import degrees
 from ident.refits import NAMED, Bench, State, excess, linearised, standing
 from ident.trace import Linearised
-from ident.trials import refitted
+from ident.tried import refitted
 from symgen.forked import forked
 
 #: What makes an effect a gain of its joint.

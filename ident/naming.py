@@ -11,7 +11,8 @@ from ident.effects.base import has_forces
 from ident.minima import LEAST_GAIN, fully
 from ident.parts import degrees
 from ident.refits import CLOSE, Bench, but_last, excess, standing
-from ident.trials import HARDLY, LIKELY, beyond_noise, refitted
+from ident.trials import HARDLY, LIKELY, beyond_noise
+from ident.tried import refitted
 
 #: Times what a law leaves that a plainer one leaves in haste that is not it.
 HOPELESS = 10.0

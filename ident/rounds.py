@@ -40,9 +40,9 @@ from ident.trials import (
     hasty,
     outshines,
     polished,
-    refitted,
     resting,
 )
+from ident.tried import refitted
 from symgen.forked import forked
 
 #: Rivals whose errors are told.

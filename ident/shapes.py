@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 
 from ident.candidates import Candidate, added, units
@@ -14,6 +15,8 @@ from ident.trace import Linearised
 TINY = 1e-12
 #: Share of the least and largest plausible stiffness from where one is tried; and of one alone, and times as much.
 STIFF = 0.5
+#: Factors by which the frequency of what rings is another one than promises most: a sharp mode is found from within 4 % of it.
+ELSEWHERE = tuple(1.04**k for k in range(-5, 6) if k)
 
 
 def only_shapes(effect: Effect | type[Effect]) -> bool:
@@ -35,6 +38,12 @@ def bending(lin: Linearised, taken: Sequence[Effect]) -> list[Candidate]:
             effects = [e for e in effects if only_impedance(e) and any(x is not None for x in added(lin, e))]
             found += [Candidate(e, 0.0, tuple(max(abs(v), TINY) for v in e.values)) for e in effects]
     return found
+
+
+def ringing(one: Candidate) -> list[Candidate]:
+    """The candidate at frequencies beside its own, if it has one: between lines a promise has peaks where there is no mode."""
+    own = [k for k, p in enumerate(one.effect.parameters) if p.name == "frequency"]
+    return [replace(one, effect=one.effect.with_value(k, by * one.effect.values[k])) for k in own for by in ELSEWHERE]
 
 
 def _plausible(p: Parameter, unit: float) -> tuple[float, ...]:

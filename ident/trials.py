@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.candidates import Candidate, best_of, bounds, catalogue, larger, nearer, otherwise, units
+from ident.candidates import Candidate, best_of, catalogue, larger, nearer, otherwise
 from ident.choice import (
     AHEAD,
     LEAST_SHARE,
@@ -26,14 +26,12 @@ from ident.effects.base import Effect, only_impedance, overrides
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.structure import LockedJointElasticity
 from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
-from ident.minima import LEAST_GAIN, WOUND, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
+from ident.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
 from ident.parts import degrees
 from ident.refits import (
     CLOSE,
     FINELY,
-    FIRST_LINES,
     FULLY,
-    HASTILY,
     NAMED,
     Bench,
     Refit,
@@ -46,8 +44,9 @@ from ident.refits import (
     same,
     standing,
 )
-from ident.shapes import bending, only_shapes
+from ident.shapes import bending, only_shapes, ringing
 from ident.trace import Linearised
+from ident.tried import by_few_lines, refitted, with_candidate
 from symgen.forked import forked
 
 #: Candidates of the catalogue refitted in each round (least and most), and learned curves.
@@ -72,7 +71,7 @@ FINALISTS = 3
 #: Share of what was in excess without effects below which nothing more is looked for once little is left.
 ENOUGH = 3e-3
 #: Share of a small rest that an effect must promise to be tried, and one that acts where dry friction does; of what friction leaves, that
-#: a law beside it may leave to be it, and of what one promises that leaves nothing, that others must.
+#: a law beside it may leave to be it.
 MOST, BESIDE, HALF = 0.5, 0.05, 0.5
 
 
@@ -174,6 +173,7 @@ def _from_fitted(
         ]
         likely += balanced(lin, state.effects)
     tried = as_it_creeps(bench, refitted(bench, state, [(c, lin) for c in likely], progress), CLOSE**2, progress)
+    tried += _ringing(bench, state, lin, tried, progress)
     tried = _nearest_finely(bench, tried, progress)
     if excess(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
         tried += _besides(bench, state, lin, progress)
@@ -188,7 +188,7 @@ def _besides(bench: Bench, state: State, lin: Linearised, progress: Callable[[st
     tried: list[Tried] = []
     for likely in besides(lin, state.effects):
         if not bench.late and all(left_by(one) > HALF * state.select for one in tried):
-            refits = [replace(_with(bench, state, c, lin), outer=FULLY, roughly=FINELY) for c in likely]
+            refits = [replace(with_candidate(bench, state, c, lin), outer=FULLY, roughly=FINELY) for c in likely]
             tried += zip(likely, all_fitted(bench, refits), strict=True)
     for _, new in tried:
         progress(f"  beside what rubs, {told(new.effects[-1])}: {excess(bench, new):.4g}")
@@ -247,41 +247,17 @@ def _bending(
     progress: Callable[[str], None],
     wanted: Callable[[Effect], bool] = lambda effect: True,
 ) -> list[Tried]:
-    """The impedances of shapes alone that may have bent the arm, those `wanted`, from plausible ones, by few lines; the best refitted as
-    others are."""
-    likely = [c for c in bending(lin, state.effects) if wanted(c.effect)]
-    refits = [replace(_with(bench, state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
-    left = [new.select for new in all_fitted(bench, refits)]
-    best = sorted(zip(left, range(len(left)), strict=True))[:CURVES]
-    return refitted(bench, state, [(likely[k], lin) for _, k in best], progress)
+    """The impedances of shapes alone that may have bent the arm, those `wanted`, from plausible ones."""
+    return by_few_lines(bench, state, lin, [c for c in bending(lin, state.effects) if wanted(c.effect)], progress)
 
 
-def refitted(
-    bench: Bench, state: State, short: Sequence[tuple[Candidate, Linearised]], progress: Callable[[str], None]
+def _ringing(
+    bench: Bench, state: State, lin: Linearised, tried: Sequence[Tried], progress: Callable[[str], None]
 ) -> list[Tried]:
-    """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted; once one leaves nothing, where
-    there was much, none that promises much less."""
-    refits = [_with(bench, state, candidate, origin) for candidate, origin in short]
-    candidates, whole = [candidate for candidate, _ in short], 0.0
-    tried: list[Tried] = []
-    for candidate, new in zip(candidates, all_fitted(bench, refits), strict=True):
-        tried.append((candidate, new))
-        progress(f"  {told(new.effects[-1])}: {excess(bench, new):.4g}, promised {candidate.gain:.3g}")
-        if excess(bench, new) <= NAMED and excess(bench, state) > CLOSE:
-            whole = max(whole, candidate.gain)
-        if all(other.gain < HALF * whole for other in candidates[len(tried) :]):
-            break
-    return tried
-
-
-def _with(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> Refit:
-    """The model with a candidate, to be refitted hastily."""
-    unit = units(lin, type(candidate.effect), candidate.effect.joint)
-    limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
-    return Refit(
-        np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect), state.scales + candidate.scales,
-        state.limits + limits, WOUND if winds_up(candidate.effect) else 1, HASTILY, slid=state.minimum.slid,
-    )  # fmt: skip
+    """What rings, promises most of all that were `tried` and leaves nearly all there was, at other frequencies."""
+    best = max(tried, key=lambda one: one[0].gain, default=None)
+    failed = best is not None and excess(bench, state) > CLOSE and left_by(best) > MUCH * state.select
+    return by_few_lines(bench, state, lin, ringing(best[0]), progress) if best is not None and failed else []
 
 
 def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
@@ -385,7 +361,7 @@ def _other_whole(bench: Bench, state: State, progress: Callable[[str], None]) ->
     if not any(p.whole for p in effect.parameters):
         return state
     plain, lin = standing(bench, state, but_last(state))
-    refits = [_with(bench, plain, candidate, lin) for candidate in otherwise(lin, effect)]
+    refits = [with_candidate(bench, plain, candidate, lin) for candidate in otherwise(lin, effect)]
     best = min(all_fitted(bench, refits), key=lambda other: other.select, default=state)
     if best.select >= state.select:
         return state

@@ -21,7 +21,7 @@ from ident.frf import estimate
 from ident.gains import named_gains
 from ident.minima import told
 from ident.refits import Refit, State, excess, fitted, linearised
-from ident.trials import refitted
+from ident.tried import refitted
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
 

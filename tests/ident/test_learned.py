@@ -31,7 +31,7 @@ from ident.periods import spectrum
 from ident.refits import Bench, Refit, excess, first, fitted, linearised
 from ident.refits import State as Fitted
 from ident.trace import Linearised, linearise
-from ident.trials import refitted
+from ident.tried import refitted
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 

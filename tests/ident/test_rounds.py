@@ -26,7 +26,8 @@ from ident.minima import LEAST_GAIN
 from ident.parts import degrees
 from ident.refits import Bench, State, excess, linearised
 from ident.rounds import _best, _gaining, _two
-from ident.trials import giving, refitted
+from ident.trials import giving
+from ident.tried import refitted
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
 

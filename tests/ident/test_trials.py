@@ -22,7 +22,8 @@ from ident.effects.structure import AttachedResonator
 from ident.finer import finely, leader_finely
 from ident.naming import of_any_order, plainer
 from ident.refits import FINELY, HASTILY
-from ident.trials import _finalists, ahead, outshines, polished, refitted
+from ident.trials import _finalists, ahead, outshines, polished
+from ident.tried import refitted
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -36,7 +37,7 @@ def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
     BENCH.split = SimpleNamespace(select=())
     for module in (ident.choice, ident.finer, ident.trials, ident.naming):
         monkeypatch.setattr(module, "degrees", lambda data: DOF)
-    for module in (ident.choice, ident.finer, ident.trials, ident.naming, ident.minima):
+    for module in (ident.choice, ident.finer, ident.trials, ident.tried, ident.naming, ident.minima):
         monkeypatch.setattr(module, "excess", lambda bench, state: state.select / DOF)
 
 
@@ -111,8 +112,8 @@ def test_what_promises_much_less_than_what_leaves_nothing_is_not_tried(
     promised = [900.0, 500.0, 460.0, 440.0, 50.0]
     levels = dict(zip(names, [left, *[20.0] * 4], strict=True))
     short = [(SimpleNamespace(effect=e, gain=gain), None) for e, gain in zip(names, promised, strict=True)]
-    monkeypatch.setattr(ident.trials, "_with", lambda bench, state, candidate, origin: candidate.effect)
-    monkeypatch.setattr(ident.trials, "all_fitted", lambda bench, refits: (one(e, levels[e])[1] for e in refits))
+    monkeypatch.setattr(ident.tried, "with_candidate", lambda bench, state, candidate, origin: candidate.effect)
+    monkeypatch.setattr(ident.tried, "all_fitted", lambda bench, refits: (one(e, levels[e])[1] for e in refits))
     found = refitted(BENCH, one(DRY, 30.0)[1], short, lambda line: None)  # type: ignore[arg-type]
     assert [candidate.effect for candidate, _ in found] == names[: last + 1]
 

@@ -1,0 +1,57 @@
+"""Candidates refitted with a model, hastily: one after the other, or many of them by few lines first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.candidates import Candidate, bounds, units
+from ident.choice import Tried
+from ident.minima import WOUND, told, winds_up
+from ident.refits import CLOSE, FIRST_LINES, HASTILY, NAMED, Bench, Refit, State, all_fitted, excess
+from ident.trace import Linearised
+
+#: Of many candidates, those that few lines leave least to are refitted as others are.
+BEST = 2
+#: Share of what one promises that leaves nothing, that others must.
+PROMISED = 0.5
+
+
+def by_few_lines(
+    bench: Bench, state: State, lin: Linearised, likely: Sequence[Candidate], progress: Callable[[str], None]
+) -> list[Tried]:
+    """The best two of many candidates, by few lines, refitted as others are."""
+    refits = [replace(with_candidate(bench, state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
+    left = [new.select for new in all_fitted(bench, refits)]
+    best = sorted(zip(left, range(len(left)), strict=True))[:BEST]
+    return refitted(bench, state, [(likely[k], lin) for _, k in best], progress)
+
+
+def refitted(
+    bench: Bench, state: State, short: Sequence[tuple[Candidate, Linearised]], progress: Callable[[str], None]
+) -> list[Tried]:
+    """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted; once one leaves nothing, where
+    there was much, none that promises much less."""
+    refits = [with_candidate(bench, state, candidate, origin) for candidate, origin in short]
+    candidates, whole = [candidate for candidate, _ in short], 0.0
+    tried: list[Tried] = []
+    for candidate, new in zip(candidates, all_fitted(bench, refits), strict=True):
+        tried.append((candidate, new))
+        progress(f"  {told(new.effects[-1])}: {excess(bench, new):.4g}, promised {candidate.gain:.3g}")
+        if excess(bench, new) <= NAMED and excess(bench, state) > CLOSE:
+            whole = max(whole, candidate.gain)
+        if all(other.gain < PROMISED * whole for other in candidates[len(tried) :]):
+            break
+    return tried
+
+
+def with_candidate(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> Refit:
+    """The model with a candidate, to be refitted hastily."""
+    unit = units(lin, type(candidate.effect), candidate.effect.joint)
+    limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
+    return Refit(
+        np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect), state.scales + candidate.scales,
+        state.limits + limits, WOUND if winds_up(candidate.effect) else 1, HASTILY, slid=state.minimum.slid,
+    )  # fmt: skip
