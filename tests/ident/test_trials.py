@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ import ident.finer
 import ident.minima
 import ident.naming
 import ident.trials
+import ident.tried
 from ident.candidates import Candidate
 from ident.choice import drawn_whole, hardly_bent, law_leads, vanished
 from ident.effects.base import Effect
@@ -22,7 +24,7 @@ from ident.effects.structure import AttachedResonator
 from ident.finer import finely, leader_finely
 from ident.naming import of_any_order, plainer
 from ident.refits import FINELY, HASTILY
-from ident.trials import _finalists, ahead, outshines, polished
+from ident.trials import _finalists, _ringing, ahead, outshines, polished
 from ident.tried import refitted
 
 DOF = 1000
@@ -101,6 +103,22 @@ def test_a_name_that_leads_but_not_far_ahead_is_fitted_finely(
     monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     found = leader_finely(BENCH, [one(DRY, 100.0), one(HARD, leads)], lambda line: None)
     assert [state.select for _, state in found] == [100.0 * DOF, finer * DOF]
+
+
+@pytest.mark.parametrize(("left", "promised", "tries"), [(74.0, 900.0, 10), (74.0, 100.0, 0), (3.0, 900.0, 0)])
+def test_what_rings_and_leaves_all_there_was_is_tried_at_other_frequencies(
+    left: float, promised: float, tries: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it promises most of all and none of it came true: a sharp mode between two lines."""
+    rings, rubs = AttachedResonator(1, (2e-3, 11.0, 2e-4)), Candidate(DRY, 500.0, (1.0,))
+    tried = [(Candidate(rings, promised, (1.0,) * 3), one(rings, left)[1]), (rubs, one(DRY, 66.0)[1])]
+    short: list[Candidate] = []
+    monkeypatch.setattr(ident.trials, "by_few_lines", lambda bench, state, lin, likely, _: short.extend(likely) or [])
+    lin: Any = None
+    _ringing(BENCH, one(DRY, 66.0)[1], lin, tried, lambda line: None)  # type: ignore[arg-type]
+    assert len(short) == tries
+    f = sorted([11.0] * bool(short) + [candidate.effect["frequency"] for candidate in short])
+    assert not f or (f[0] < 11.0 / 1.2 and f[-1] > 1.2 * 11.0 and max(b / a for a, b in pairwise(f)) < 1.05)
 
 
 @pytest.mark.parametrize(("left", "last"), [(0.95, 2), (1.2, 4)])
