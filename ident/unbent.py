@@ -41,11 +41,12 @@ def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench
     if not left or left[0][0] > FAR_LESS * min([excess(bench, start), *(least for least, _, _ in left[1:])]):
         return bench
     _, vector, joint = left[0]
-    state = fitted(replace(told[joint], firm=FIRMLY), Refit(vector, (), (), (), lines=FIRST_LINES))
-    least, vector = excess(told[joint], state), state.minimum.vector
+    firmly, declared = replace(told[joint], firm=FIRMLY), bench.guess.vector()
+    # From the declared one, too: what no record shows may be anywhere in `vector`.
+    ends = [fitted(firmly, Refit(start, (), (), (), lines=FIRST_LINES)) for start in (vector, declared)]
+    least, vector = min(((excess(firmly, end), end.minimum.vector) for end in ends), key=lambda one: one[0])
     progress(f"  without records of joint {joint + 1} the arm leaves {least:.3g}: from there")
     n, D = bench.model.chain.n, len(bench.guess.alpha)
-    declared = bench.guess.vector()
     own = joint + n * np.arange(4)  # of its drive these records tell little, or what is missing, too
     off = own[(own >= 2 * n) | (np.abs(vector[own] - declared[own]) > DOUBTED)]
     vector[off] = declared[off]
