@@ -142,7 +142,7 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     covered = np.concatenate([[low], 0.5 * (edges[1:] + edges[:-1])[cells > 0], [high]])
     both = [np.quantile(of, np.linspace(0.0, 1.0, PARTS), method="nearest") for of in (x, covered)]
     knots: Array = np.quantile(np.concatenate(both), share, method="nearest")
-    if KINDS[name].of in ("velocity", "drive"):
+    if KINDS[name].of in ("velocity", "drive") and KINDS[name].times in ("", "direction"):
         about = np.outer([-1.0, 1.0], RESTING[-2:] if name == "sliding" else RESTING).ravel() * np.abs(x).max()
         knots = np.sort(np.concatenate([knots[np.abs(knots) > BEGIN * about.max()], about]))
     if np.any(np.diff(knots) <= 1e-9 * (high - low)):

@@ -249,7 +249,11 @@ def _curve(curve: dict[str, Any], port: str) -> str:
         "loaded": "dry friction that is a curve of the load",
         "driven": "dry friction that is a curve of the drive's torque",
         "damping": "damping that is a curve of position",
+        "laden": "damping that is a curve of the load",
+        "driving": "damping that is a curve of the drive's torque",
+        "structural": "damping by a torque, not a velocity, that is a curve of position",
         "gain": "a share of its torque that is a curve of position",
+        "fading": "a share of its torque that is a curve of velocity",
         "stiffness": "stiffness that is a curve of the motor's position",
     }
     if curve["variable"] == "frequency":

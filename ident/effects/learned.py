@@ -51,15 +51,22 @@ KINDS = {
     "loaded": Kind("load", "direction", low=0.0),
     "driven": Kind("drive", "direction", low=0.0),
     "damping": Kind("position", "velocity", "Nms/rad", "torque/rate", sliding="Ns/m"),
+    "laden": Kind("load", "velocity", "Nms/rad", "torque/rate", sliding="Ns/m"),
+    "driving": Kind("drive", "velocity", "Nms/rad", "torque/rate"),
+    "structural": Kind("position", "way"),
     "gain": Kind("position", "drive", "", "", -0.9, 9.0, sliding=""),
+    "fading": Kind("velocity", "drive", "", "", -0.9, 9.0, sliding=""),
     "stiffness": Kind("turn", "position", "Nm/rad", "K", -0.5, 2.0, "N/m"),
 }
 #: The variables at each port.
 VARIABLES = {
-    "motor": ("position", "velocity", "torque", "drive", "friction", "sliding", "loaded", "driven", "damping", "gain"),
-    "spring": ("position", "velocity", "stiffness"),
-    "link": ("position", "velocity", "torque", "friction", "sliding", "loaded", "damping"),
-}
+    "motor": (
+        "position", "velocity", "torque", "drive", "friction", "sliding", "loaded", "driven", "damping", "laden", "driving",
+        "gain", "fading",
+    ),
+    "spring": ("position", "velocity", "damping", "structural", "stiffness"),
+    "link": ("position", "velocity", "torque", "friction", "sliding", "loaded", "damping", "laden"),
+}  # fmt: skip
 #: Points at which a curve that repeats itself is tabled: straight lines between them are within 1e-3 of it.
 TABLED = 512
 
@@ -133,7 +140,7 @@ def _tabled(heights: Sequence[float], period: float) -> tuple[Array, Array]:
 
 def of_place(port: str, name: str) -> bool:
     """Whether a curve of this variable may repeat itself: one of a deflection does not."""
-    return KINDS[name].of_place and (port, name) != ("spring", "position")
+    return KINDS[name].of == "turn" or (KINDS[name].of == "position" and port != "spring")
 
 
 def variable(at: State, port: str, name: str) -> Any:
@@ -159,7 +166,9 @@ def factor(at: State, port: str, name: str) -> Any:
         case "direction":
             return -direction(v, at.N if port == "motor" else 1.0)
         case "velocity":
-            return -v
+            return v if port == "spring" else -v  # a spring's torque is that on the link
+        case "way":
+            return direction(v)
         case "drive":
             return at.tau
         case "position":
@@ -197,10 +206,7 @@ def learned(
     """The kind of curve with knots `at` for a port, that `repeats` itself or not, and `bends` between its knots or is straight: its
     heights are torques at the port, or what makes torques of what it is multiplied by."""
     kind = KINDS[variable_name]
-    only_lost = (port_name, variable_name) == (
-        "link",
-        "damping",
-    )  # a motor has a damping besides, to which its curve adds
+    only_lost = port_name == "link" and kind.times == "velocity"  # motors and springs have a damping besides, to which it adds
     low = 0.0 if only_lost else kind.low
     heights = tuple(
         Parameter(

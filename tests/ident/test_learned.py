@@ -129,11 +129,11 @@ def test_a_curve_that_is_a_factor() -> None:
     """Of the velocity, of the motor's own torque, of a spring's winding; what is dry grows with the load or the drive."""
     moving = State(0.5, 3.0, 0.2, 0.5, 7.0, 1e-3, 0.0, -40.0, 100.0, 5000.0)
     found = []
-    for port, variable in [("link", "damping"), ("motor", "gain"), ("spring", "stiffness")]:
+    for port, variable in [("link", "damping"), ("motor", "gain"), ("motor", "fading"), ("spring", "stiffness")]:
         law = learned(port, variable, [0.0, 1.0])(0, (2.0, 4.0))
         assert isinstance(law, Law) and not law.dry
         found.append(float(law.law(moving)))
-    assert found == pytest.approx([-3.0 * 7.0, 3.0 * 0.2, 3.0 * 1e-3])
+    assert found == pytest.approx([-3.0 * 7.0, 3.0 * 0.2, 8.0 * 0.2, 3.0 * 1e-3])
     assert [learned(port, "damping", [0.0, 1.0]).parameters[0].low for port in ("link", "motor")] == [0.0, -1e3]
     for port, variable, expected in [("motor", "driven", -2.4), ("motor", "loaded", -2.4), ("link", "loaded", -3.0)]:
         kind = learned(port, variable, [-50.0, 0.0, 1.0])
