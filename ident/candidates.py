@@ -62,7 +62,7 @@ def units(lin: Linearised, effect: type[Effect], joint: int | None) -> tuple[flo
 
 def _sizes(lin: Linearised, port: str, joint: int) -> dict[str, float]:
     """Largest rms torque, angle and rate at a port over the records, and the constants of its joint."""
-    port = _side(port)
+    port = side_of(port)
     angle, rate, torque = lin.swings[port, joint]
     p = lin.problem.parameters(lin.vector)
     J = max(float(arm.J[joint, joint]) for _, arm in lin.arms)
@@ -76,7 +76,7 @@ def _sizes(lin: Linearised, port: str, joint: int) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _side(port: str) -> str:
+def side_of(port: str) -> str:
     """The port whose motion an effect sees: that of the motor for sensors, that of the link for the structure."""
     return port if port in ("motor", "spring", "link") else "motor" if port == "sensor" else "link"
 
@@ -87,7 +87,7 @@ def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
     law = kind.force is not Effect.force
     found: list[Complex | None] = []
     for at, one in enumerate(lin.problem.data):
-        scene, motion, ports = one.scene, lin.motions[_side(kind.port)][at], lin.ports[at]
+        scene, motion, ports = one.scene, lin.motions[side_of(kind.port)][at], lin.ports[at]
         live = scene.arm.live
         total = np.zeros_like(scene.theta)
         if law and effect.joint in live:
@@ -130,7 +130,7 @@ def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
         Z = np.zeros((len(s), 2 * m, 2 * m), dtype=complex)
         Z[:, m:, m:] = s[:, None, None] ** 2 * dJ + dK
     if Z is not None:
-        force = -(Z @ lin.positions[_side(kind.port)][at][..., None])
+        force = -(Z @ lin.positions[side_of(kind.port)][at][..., None])
         moved_by = pushes["motor"] @ (force[:, :m] / scene.arm.N[:, None]) + pushes["link"] @ force[:, m:]
         total = total + moved_by[..., 0]
     if kind.torque_gain is not Effect.torque_gain and (gain := effect.torque_gain(s, arm)) is not None:

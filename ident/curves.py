@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.campaign import Array
-from ident.candidates import Candidate, bounds, units
+from ident.candidates import Candidate, bounds, side_of, units
 from ident.effects.base import Effect
 from ident.effects.learned import KINDS, VARIABLES, Learned, learned, of_place, variable
 from ident.effects.response import Response, response
@@ -51,8 +51,7 @@ def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
                 shapes.append(_shape(lin, port, joint, name))
                 if of_place(port, name):
                     highest = HIGHEST * _turns(lin, port, joint)
-                    side = "motor" if port == "spring" else port
-                    seen = spectrum(lin, port, side, joint, highest, of=name)
+                    seen = spectrum(lin, port, "link" if port == "link" else "motor", joint, highest, of=name)
                     if seen is not None and seen.fall.size:
                         waves.append((float(seen.fall.max()), port, joint, name, seen))
     found = _drawn(lin, [shape for shape in shapes if shape is not None], workers)
@@ -127,7 +126,11 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
     """A learned curve, half of its knots where the records are most of the time, half spread evenly over what they cover; a position's
     in the records that excite the joint: where others hold it, it hardly moves. What they cover of a deflection is that of all: its
     slope where a load rests is the stiffness there."""
-    live = [(one, m) for one, m in zip(lin.problem.data, lin.motions[port], strict=True) if joint in one.scene.arm.live]
+    live = [
+        (one, m)
+        for one, m in zip(lin.problem.data, lin.motions[side_of(port)], strict=True)
+        if joint in one.scene.arm.live
+    ]
     every = [variable(m.state(joint), port, name) for _, m in live]
     own = [there for (one, _), there in zip(live, every, strict=True) if one.excited == joint and KINDS[name].of_place]
     if not live:
@@ -204,12 +207,13 @@ def _heights(lin: Linearised, kind: type[Effect], joint: int) -> tuple[Array, fl
     """Heights of a curve that fit best to first order, and by how much chi^2 falls."""
     ones = [kind(joint, tuple(row)) for row in np.eye(len(kind.parameters)).tolist()]
     columns: list[list[Complex | None]] = [[] for _ in ones]
-    for one, motion, ports in zip(lin.problem.data, lin.motions[kind.port], lin.ports, strict=True):
+    for one, motion, ports in zip(lin.problem.data, lin.motions[side_of(kind.port)], lin.ports, strict=True):
         if joint not in one.scene.arm.live:
             for column in columns:
                 column.append(None)
             continue
-        law = np.stack([np.asarray(unit.force(motion)) for unit in ones], axis=1)
+        told = [unit.reading(motion) if kind.port == "sensor" else unit.force(motion) for unit in ones]
+        law = np.stack([np.asarray(one) for one in told], axis=1)
         for column, force in zip(columns, one.scene.at_lines(law).T, strict=True):
             column.append(ports[kind.port, joint] * force[:, None] if np.any(force) else None)
     if all(part is None for column in columns for part in column):

@@ -254,6 +254,7 @@ def _curve(curve: dict[str, Any], port: str) -> str:
         "structural": "damping by a torque, not a velocity, that is a curve of position",
         "gain": "a share of its torque that is a curve of position",
         "fading": "a share of its torque that is a curve of velocity",
+        "reading": "an error of its angle that is a curve of position",
         "stiffness": "stiffness that is a curve of the motor's position",
     }
     if curve["variable"] == "frequency":

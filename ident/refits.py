@@ -125,7 +125,11 @@ def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
     """Whether a learned curve has the slope of a linear law of its port in it, too: together they could be anything."""
     if not (isinstance(effect, PortLaw) and effect.linear):
         return False
-    curves = [e for e in effects if isinstance(e, Learned) and e.variable in ("position", "velocity", "damping", "laden", "driving")]
+    curves = [
+        e
+        for e in effects
+        if isinstance(e, Learned) and e.variable in ("position", "velocity", "damping", "laden", "driving")
+    ]
     return any((curve.port, curve.joint) == (effect.port, effect.joint) for curve in curves)
 
 

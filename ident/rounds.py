@@ -11,7 +11,7 @@ from ident.added import Added
 from ident.alike import names_alike
 from ident.choice import AHEAD, ALIKE, TIE, Tried, best_names, chosen, is_curve, left_by, plainest, rivals, vanished
 from ident.departures import errors
-from ident.effects.base import Effect, has_forces
+from ident.effects.base import Effect, Law
 from ident.gains import named_gains
 from ident.minima import LEAST_GAIN, fully, since, told
 from ident.naming import of_any_order, plainer
@@ -186,7 +186,7 @@ def _best(
     if bench.late:
         return best, tried
     if best is not None and is_curve(best):
-        if has_forces(best[1].effects[-1]) and excess(bench, best[1]) <= CLOSE**2:
+        if isinstance(best[1].effects[-1], Law) and excess(bench, best[1]) <= CLOSE**2:
             plain, likely = names_alike(best[1])
             tried += refitted(bench, plain, likely, progress)
         for name in best_names(tried)[:1]:  # which may do as well at its minimum

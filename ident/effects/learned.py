@@ -1,4 +1,4 @@
-"""An effect that nobody named: a torque at a port as a curve of what the port does, its heights fitted.
+"""An effect that nobody named: a torque at a port as a curve of what the port does, or an encoder's error; its heights fitted.
 
 A curve of a position may repeat itself: magnets, teeth and bent shafts come back every so much of a turn. A record swings
 over a small part of that, but the records of a campaign rest at many places, and together they show a period.
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ident.effects.base import Array, Effect, Law, Parameter
-from ident.effects.motion import AT, State, Told, direction
+from ident.effects.motion import AT, Motion, State, Told, direction
 
 
 class Kind(NamedTuple):
@@ -57,6 +57,7 @@ KINDS = {
     "gain": Kind("position", "drive", "", "", -0.9, 9.0, sliding=""),
     "fading": Kind("velocity", "drive", "", "", -0.9, 9.0, sliding=""),
     "stiffness": Kind("turn", "position", "Nm/rad", "K", -0.5, 2.0, "N/m"),
+    "reading": Kind("position", "", "rad", "", -0.5, 0.5, sliding=""),
 }
 #: The variables at each port.
 VARIABLES = {
@@ -66,6 +67,7 @@ VARIABLES = {
     ),
     "spring": ("position", "velocity", "damping", "structural", "stiffness"),
     "link": ("position", "velocity", "torque", "friction", "sliding", "loaded", "damping", "laden"),
+    "sensor": ("reading",),
 }  # fmt: skip
 #: Points at which a curve that repeats itself is tabled: straight lines between them are within 1e-3 of it.
 TABLED = 512
@@ -85,12 +87,12 @@ class Learned(Effect):
         return {
             "variable": self.variable, "knots": list(self.knots), "period": self.period, "heights": list(self.values),
             "unit": self.unit(self.parameters[0], slides), "at": list(self.knots), "smooth": self.smooth,
-            "period_unit": "m" if slides and self.port != "motor" else "rad",
+            "period_unit": "m" if slides and self.port not in ("motor", "sensor") else "rad",
         }  # fmt: skip
 
 
-class LearnedLaw(Learned, Law):
-    """A torque that follows a curve of what the port does: straight between its knots, or `smooth`, the cubic spline through them.
+class LearnedCurve(Learned):
+    """A curve of what its port does: straight between its knots, or `smooth`, the cubic spline through them.
 
     Beyond its ends a curve goes on as steeply, so that it does not matter what of a slope is told by a damping or a stiffness
     besides; one of a place, of which nothing is known where nobody was, stays as high.
@@ -98,15 +100,13 @@ class LearnedLaw(Learned, Law):
     them: their Fourier series.
     """
 
-    def law(self, at: State) -> Any:
-        x = variable(at, self.port, self.variable)
+    def height(self, x: Any) -> Any:
+        """The curve where its variable is x."""
         if self.smooth:
-            height = self._spline(x)
-        elif self.period is None:
-            height = np.interp(x, self.knots, self.values) + self._beyond(x)
-        else:
-            height = np.interp(np.mod(x, self.period), *_tabled(self.values, self.period))
-        return height * factor(at, self.port, self.variable)
+            return self._spline(x)
+        if self.period is None:
+            return np.interp(x, self.knots, self.values) + self._beyond(x)
+        return np.interp(np.mod(x, self.period), *_tabled(self.values, self.period))
 
     def _spline(self, x: Any) -> Any:
         """The spline through the knots, that goes on as steeply beyond them, or stays as high."""
@@ -123,6 +123,24 @@ class LearnedLaw(Learned, Law):
             return 0.0
         first, last = (np.diff(self.values)[[0, -1]] / np.diff(self.knots)[[0, -1]]).tolist()
         return first * np.minimum(x - self.knots[0], 0.0) + last * np.maximum(x - self.knots[-1], 0.0)
+
+
+class LearnedLaw(LearnedCurve, Law):
+    """A torque that follows a curve of what the port does."""
+
+    def law(self, at: State) -> Any:
+        return self.height(variable(at, self.port, self.variable)) * factor(at, self.port, self.variable)
+
+
+class LearnedReading(LearnedCurve):
+    """An error of an encoder that is a curve of where its motor is."""
+
+    def reading(self, motion: Motion) -> Array:
+        assert self.joint is not None
+        return np.asarray(self.height(motion.signal("theta", self.joint)))
+
+    def misread(self, theta: float) -> float:
+        return float(self.height(theta))
 
 
 @cache
@@ -193,7 +211,7 @@ def at_knots(curve: LearnedLaw, law: Law, N: float, K: float) -> Array | None:
 
 def bent(curve: Effect) -> Effect | None:
     """The same curve, but smooth: none for one that is, or is dry, or has too few knots."""
-    if not isinstance(curve, LearnedLaw) or curve.dry or curve.smooth:
+    if not isinstance(curve, LearnedCurve) or curve.dry or curve.smooth:
         return None
     if curve.period is not None or len(curve.knots) < 4:
         return None
@@ -202,11 +220,13 @@ def bent(curve: Effect) -> Effect | None:
 
 def learned(
     port_name: str, variable_name: str, at: Sequence[float], repeats: float | None = None, *, bends: bool = False
-) -> type[LearnedLaw]:
+) -> type[LearnedCurve]:
     """The kind of curve with knots `at` for a port, that `repeats` itself or not, and `bends` between its knots or is straight: its
     heights are torques at the port, or what makes torques of what it is multiplied by."""
     kind = KINDS[variable_name]
-    only_lost = port_name == "link" and kind.times == "velocity"  # motors and springs have a damping besides, to which it adds
+    only_lost = (
+        port_name == "link" and kind.times == "velocity"
+    )  # motors and springs have a damping besides, to which it adds
     low = 0.0 if only_lost else kind.low
     heights = tuple(
         Parameter(
@@ -222,7 +242,7 @@ def learned(
         for k in range(len(at))
     )
 
-    class Curve(LearnedLaw):
+    class Curve(LearnedReading if port_name == "sensor" else LearnedLaw):  # type: ignore[misc]
         port = port_name
         parameters = heights
         variable = variable_name
