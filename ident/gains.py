@@ -11,13 +11,15 @@ from ident.effects.catalogue import CATALOGUE
 from ident.effects.response import Response
 from ident.minima import LEAST_GAIN, fully, told
 from ident.parts import degrees
-from ident.refits import NAMED, Bench, State, excess, linearised, standing
+from ident.refits import Bench, State, excess, linearised, standing
 from ident.trace import Linearised
 from ident.tried import refitted
 from symgen.forked import forked
 
 #: What makes an effect a gain of its joint.
 GAINS = ("torque_gain", "angle_gain")
+#: Noise powers by which two names may leave more than the response, of many knots.
+AS_LITTLE = 0.02
 
 
 def named_gains(bench: Bench, state: State, progress: Callable[[str], None]) -> State | None:
@@ -36,7 +38,7 @@ def named_gains(bench: Bench, state: State, progress: Callable[[str], None]) -> 
         return None
     best = fully(bench, min(tried, key=left_by)[1])
     dof = degrees(bench.split.select)
-    limit = max(state.select + max(LEAST_GAIN, ALIKE * (state.select - dof)), NAMED * dof)
+    limit = state.select + max(LEAST_GAIN, ALIKE * (state.select - dof), AS_LITTLE * dof)
     progress(
         f"  instead of {told(curve)}, {' and '.join(told(e) for e in best.effects[-2:])}: {excess(bench, best):.4g}"
     )

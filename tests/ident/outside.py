@@ -1,7 +1,7 @@
 """Effects that are in no catalogue: written for tests only, so that a diagnosis meets what nobody has named for it.
 
-All but one are torques that follow from what their port does, and that one is a filter; so a learned curve has a chance where no
-name has.
+All but two are torques that follow from what their port does, one is a filter and one an encoder's error; so a learned curve has a
+chance where no name has.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from ident.effects.base import Effect, Law, Parameter, Path
-from ident.effects.motion import State, direction
+from ident.effects.motion import Motion, State, direction
 
 
 @final
@@ -218,6 +218,83 @@ class MeshStiffness(Law):
 
 
 @final
+class FadingTorque(Law):
+    """A drive that runs out of voltage: so much of its torque is lost at a speed."""
+
+    name, port = "fading-torque", "motor"
+    parameters = (
+        Parameter("share", "", 0.0, 1.0, (0.1,), linear=True),
+        Parameter("speed", "rad/s", 0.1, 1e3, (10.0,), zero=None, relative="rate"),
+    )
+
+    def law(self, at: State) -> Any:
+        return -self["share"] * at.tau * np.minimum(np.abs(at.omega) / self["speed"], 5.0)
+
+
+@final
+class IronLoss(Law):
+    """A motor that drags as much as it pulls: viscous, by its own torque."""
+
+    name, port = "iron-loss", "motor"
+    parameters = (
+        Parameter("damping", "Nms/rad", 0.0, 1.0, (1e-4,), linear=True, relative="torque/rate"),
+        Parameter("at", "Nm", 0.01, 10.0, (1.0,), zero=None, relative="torque"),
+    )
+
+    def law(self, at: State) -> Any:
+        return -self["damping"] * np.abs(at.tau) / self["at"] * at.omega
+
+
+@final
+class LadenDamper(Law):
+    """Grease under load: a damper of the link that grows with what its spring carries."""
+
+    name, port = "laden-damper", "link"
+    parameters = (
+        Parameter("damping", "Nms/rad", 0.0, 100.0, (0.1,), linear=True, relative="torque/rate"),
+        Parameter("at", "Nm", 0.01, 100.0, (1.0,), zero=None, relative="torque"),
+    )
+
+    def law(self, at: State) -> Any:
+        return -self["damping"] * np.abs(at.spring) / self["at"] * at.q_rate
+
+
+@final
+class RubberDamper(Law):
+    """A spring that damps the more the farther it is wound."""
+
+    name, port = "rubber-damper", "spring"
+    parameters = (
+        Parameter("damping", "Nms/rad", 0.0, 1e3, (1.0,), linear=True, relative="torque/rate"),
+        Parameter("at", "rad", 1e-6, 1.0, (1e-3,), zero=None, relative="angle"),
+    )
+
+    def law(self, at: State) -> Any:
+        return self["damping"] * (at.deflection / self["at"]) ** 2 * at.deflection_rate
+
+
+@final
+class EncoderWaves(Effect):
+    """Interpolation of an encoder's lines: two waves, not one."""
+
+    name, port = "encoder-waves", "sensor"
+    parameters = (
+        Parameter("amplitude", "rad", 0.0, 0.05, (2e-3,), linear=True, relative="angle"),
+        Parameter("order", "1/rev", 1.0, 64.0, (5.0,), zero=None, whole=True),
+    )
+
+    def reading(self, motion: Motion) -> np.ndarray:
+        return np.asarray(self._error(motion.signal("theta", int(self.joint or 0))))
+
+    def misread(self, theta: float) -> float:
+        return float(self._error(theta))
+
+    def _error(self, theta: Any) -> Any:
+        x = self["order"] * theta
+        return self["amplitude"] * (np.sin(x) + 0.5 * np.sin(2.0 * x + 1.0))
+
+
+@final
 class CurrentLoop(Effect):
     """A current loop of second order, critically damped."""
 
@@ -245,6 +322,11 @@ OUTSIDE: dict[str, type[Effect]] = {
         PressedFriction,
         Commutation,
         MeshStiffness,
+        FadingTorque,
+        IronLoss,
+        LadenDamper,
+        RubberDamper,
+        EncoderWaves,
         CurrentLoop,
     )
 }
@@ -264,6 +346,11 @@ OUTSIDE_RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "place-damper": {"damping": (0.03, 0.15), "order": ("one of", 170, 230, 270)},
     "pressed-friction": {"share": (0.03, 0.15)},
     "commutation": {"share": (0.02, 0.1), "order": ("one of", 2, 3, 5)},
+    "fading-torque": {"share": (0.02, 0.1), "speed": (0.9, 1.1)},
+    "iron-loss": {"damping": (0.03, 0.2), "at": (0.9, 1.1)},
+    "laden-damper": {"damping": (0.03, 0.2), "at": (0.9, 1.1)},
+    "rubber-damper": {"damping": (0.02, 0.1), "at": (0.9, 1.1)},
+    "encoder-waves": {"amplitude": (0.003, 0.03), "order": ("one of", 3, 5, 8)},
     "current-loop": {"time": (2e-4, 1e-3)},
     "mesh-stiffness": {"stiffness": (0.02, 0.1), "order": ("one of", 2, 4)},
 }  # fmt: skip

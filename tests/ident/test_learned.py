@@ -129,11 +129,17 @@ def test_a_curve_that_is_a_factor() -> None:
     """Of the velocity, of the motor's own torque, of a spring's winding; what is dry grows with the load or the drive."""
     moving = State(0.5, 3.0, 0.2, 0.5, 7.0, 1e-3, 0.0, -40.0, 100.0, 5000.0)
     found = []
-    for port, variable in [("link", "damping"), ("motor", "gain"), ("motor", "fading"), ("spring", "stiffness")]:
+    for port, variable in [
+        ("link", "damping"),
+        ("motor", "gain"),
+        ("motor", "fading"),
+        ("spring", "stiffness"),
+        ("spring", "structural"),
+    ]:
         law = learned(port, variable, [0.0, 1.0])(0, (2.0, 4.0))
         assert isinstance(law, Law) and not law.dry
         found.append(float(law.law(moving)))
-    assert found == pytest.approx([-3.0 * 7.0, 3.0 * 0.2, 8.0 * 0.2, 3.0 * 1e-3])
+    assert found == pytest.approx([-3.0 * 7.0, 3.0 * 0.2, 8.0 * 0.2, 3.0 * 1e-3, 0.0])
     assert [learned(port, "damping", [0.0, 1.0]).parameters[0].low for port in ("link", "motor")] == [0.0, -1e3]
     for port, variable, expected in [("motor", "driven", -2.4), ("motor", "loaded", -2.4), ("link", "loaded", -3.0)]:
         kind = learned(port, variable, [-50.0, 0.0, 1.0])
@@ -217,6 +223,17 @@ def test_a_law_that_comes_back_is_found_with_its_period(name: str, values: tuple
     assert (
         times == pytest.approx(round(times), rel=1e-3) and 1 <= round(times) <= 3
     )  # so often, within a turn of the motor
+
+
+def test_an_encoder_misreads_by_its_curve() -> None:
+    kind = learned("sensor", "reading", [0.0, 1.0])
+    error = kind(JOINT, (2e-3, 4e-3))
+    motion = left("encoder-waves", 2e-3, 5.0).motions["motor"][0]
+    theta = motion.signal("theta", JOINT)
+    found = error.reading(motion)
+    assert found is not None and kind.parameters[0].unit == "rad" and not kind.parameters[0].relative
+    np.testing.assert_allclose(found, np.interp(theta, [0.0, 1.0], [2e-3, 4e-3]))
+    assert error.misread(0.5) == pytest.approx(3e-3) and error.force(motion) is None
 
 
 def test_a_law_that_comes_back_twice_in_what_the_records_cover_is_no_faster_one() -> None:
@@ -312,6 +329,11 @@ def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tu
         (("commutation", 0.01, TEETH), "gain at the motor"),
         (("mesh-stiffness", 100.0, TEETH), "stiffness at the spring"),
         (("pressed-friction", 0.1), "driven at the motor"),
+        (("fading-torque", 0.02, 20.0), "fading at the motor"),
+        (("iron-loss", 2e-4, 0.1), "driving at the motor"),
+        (("laden-damper", 1.0, 10.0), "laden at the link"),
+        (("rubber-damper", 1.0, 1e-3), "damping at the spring"),
+        (("encoder-waves", 2e-3, 5.0), "reading at the sensor"),
     ],
 )
 def test_a_law_of_two_signals_is_seen_as_what_it_is(law: tuple[Any, ...], expected: str) -> None:
