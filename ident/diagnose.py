@@ -20,7 +20,7 @@ from ident.candidates import surest
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, departures, errors, groups
-from ident.effects.base import Effect, Law
+from ident.effects.base import Effect, Law, has_forces
 from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
@@ -132,7 +132,7 @@ class Begun:
         if not bench.split.note and (_bends(bench, start, BENDS) or _fits_alone(bench, start)):
             bench, start = _by_lines(bench, data, progress)
         state, added = _loop(bench, start, progress)
-        left = _left_over(bench, start, state, added)
+        left = _left_over(bench, start, state)
         if not bench.split.note and not bench.late and _doubtful(bench, start, state, bool(left)):
             by_lines = _by_lines(bench, data, progress)
             resumed = _resumed(*by_lines, state, added)
@@ -140,7 +140,7 @@ class Begun:
                 other, more = _loop(*by_lines, progress, resumed)
                 if _left(*by_lines, other) < _left(bench, start, state):
                     (bench, start), state, added = by_lines, other, more
-                    left = _left_over(bench, start, state, added)
+                    left = _left_over(bench, start, state)
         found, contradictions = state, () if left else contradicted(bench, state)
         state, off = merged(bench, state, contradictions)
         state = settled(bench, state)
@@ -284,16 +284,18 @@ def _bent(bench: Bench, start: State, state: State) -> bool:
 
 def _little(bench: Bench, start: State, state: State) -> bool:
     """Whether so little is left of what was in excess that only what promises most of it is tried: of a force that may have moved
-    the arm in more than one way, more than of others."""
+    the arm in more than one way, more than of others; nothing of what is exact."""
+    if not any(map(has_forces, state.effects)):
+        return False
     left = _left(bench, start, state)
     many_ways = any(isinstance(effect, Law) and winds_up(effect) for effect in state.effects)
     return (left < ENOUGH and excess(bench, state) <= CLOSE) or (left < LEFT and many_ways)
 
 
-def _left_over(bench: Bench, start: State, state: State, added: Sequence[Added]) -> tuple[Departure, ...]:
-    """What stays unexplained, but for the small rest that known effects may leave; less of it where a name needs a curve at its own port."""
+def _left_over(bench: Bench, start: State, state: State) -> tuple[Departure, ...]:
+    """What stays unexplained, but for the small rest that known forces may leave; less of it where a name needs a curve at its own port."""
     most = CLOSE if _mended(state.effects) else CLOSE**2
-    little = added and _left(bench, start, state) < LEFT and excess(bench, state) < most
+    little = any(map(has_forces, state.effects)) and _left(bench, start, state) < LEFT and excess(bench, state) < most
     return () if little else departures(bench, state)
 
 
