@@ -135,9 +135,10 @@ def detail(verdict: dict[str, Any]) -> str:
 def meaning(effect: dict[str, Any]) -> str:
     """What an effect is, in a sentence: the first line of its class in the catalogue."""
     if effect["name"] == "unknown":
-        if _of_frequency(effect):
+        if _variable(effect) == "frequency":
             return f"What no name of the catalogue describes, learned from the records: {_values(effect)}."
-        return f"A torque that no law of the catalogue describes, learned from the records as {_values(effect)}."
+        what = "An error of the encoder" if _variable(effect) == "reading" else "A torque"
+        return f"{what} that no law of the catalogue describes, learned from the records as {_values(effect)}."
     if effect["name"] == "inertial-parameters" and effect["joint"] is None:
         return (
             "Several links are not as in the URDF, or carry a load: J(q) changes by this share of sqrt(J_ii J_jj), rms."
@@ -220,13 +221,14 @@ def _names(effects: list[dict[str, Any]]) -> str:
 
 
 def _named(effect: dict[str, Any]) -> str:
-    unknown = "an unknown frequency response" if _of_frequency(effect) else "a torque of unknown law"
-    name = unknown if effect["name"] == "unknown" else effect["name"]
+    unknown = {"frequency": "an unknown frequency response", "reading": "an unknown error of the encoder"}
+    name = unknown.get(_variable(effect), "a torque of unknown law") if effect["name"] == "unknown" else effect["name"]
     return f"{name} at {effect['joint']}" if effect["joint"] else name
 
 
-def _of_frequency(effect: dict[str, Any]) -> bool:
-    return effect.get("curve", {}).get("variable") == "frequency"
+def _variable(effect: dict[str, Any]) -> str:
+    """What a learned effect is a curve of; nothing for others."""
+    return str(effect.get("curve", {}).get("variable", ""))
 
 
 def _values(effect: dict[str, Any]) -> str:
@@ -254,14 +256,17 @@ def _curve(curve: dict[str, Any], port: str) -> str:
         "structural": "damping by a torque, not a velocity, that is a curve of position",
         "gain": "a share of its torque that is a curve of position",
         "fading": "a share of its torque that is a curve of velocity",
-        "reading": "an error of its angle that is a curve of position",
+        "reading": "an error that is a curve of the motor's position",
         "stiffness": "stiffness that is a curve of the motor's position",
     }
     if curve["variable"] == "frequency":
         signal = "angle that is measured" if port == "sensor" else "torque that is commanded"
         return f"gain and delay of the {signal}, as curves of frequency"
     again = f", again every {curve['period']:.4g} {curve['period_unit']}" if curve.get("period") else ""
-    return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
+    law = what.get(curve["variable"], "a curve of " + curve["variable"])
+    if port == "spring":
+        law = law.replace("curve of position", "curve of deflection")
+    return f"{law} at the {port}{again}"
 
 
 def _place(row: dict[str, Any]) -> str:
