@@ -17,11 +17,21 @@ PATIENCE = 4
 
 
 def curve_finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, a curve that leaves least of all fitted finely: it may be so far ahead that few names need be."""
+    """The candidates, a curve that leaves least of all fitted finely: it may be so far ahead that few names need be. Where it stays far
+    from the noise, dry friction of its port, too, whose motion is not found in haste."""
     best = min(tried, key=left_by, default=None)
     if best is None or not is_curve(best) or excess(bench, best[1]) <= CLOSE**2:
         return list(tried)
-    return with_finer(bench, tried, best, progress)
+    tried = with_finer(bench, tried, best, progress)
+    place = best[0].key[1:]
+    dry = [
+        one
+        for one in tried
+        if is_curve(one) and one[0].effect.dry and one[0].key[1:] == place and one[1].roughly > FINELY
+    ]
+    if not dry or min(excess(bench, state) for _, state in tried) <= CLOSE**2:
+        return tried
+    return with_finer(bench, tried, min(dry, key=left_by), progress)
 
 
 def leader_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
