@@ -15,6 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from ident.added import Added, exchanged, pruned, renamed, was_named
+from ident.apart import apart
 from ident.campaign import Campaign
 from ident.candidates import surest
 from ident.contradicted import Off, contradicted, merged, standard_deviations
@@ -264,6 +265,7 @@ def _loop(
             state = begun_afresh = afresh(bench, state, progress)
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
+        state, added = apart(bench, state, added, progress)
         state, added = exchanged(bench, state, added, progress)
         state, added = pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:

@@ -6,12 +6,15 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import diagnosed
 import numpy as np
 import pytest
 from outside import OUTSIDE
 
+from ident.apart import apart
 from ident.bench import simulate
 from ident.campaign_model import model_of_campaign
+from ident.candidates import best_of
 from ident.curves import responses
 from ident.diagnose import Begun, begin
 from ident.effects.base import Effect, Known
@@ -107,3 +110,21 @@ def test_two_names_take_the_place_of_a_response_that_they_make() -> None:
 def test_no_two_names_take_the_place_of_one_that_they_do_not_make() -> None:
     loop = LOOP(JOINT, (1e-3,))
     assert named_gains(begun(loop).bench, drawn(loop), lambda line: None) is None
+
+
+@pytest.mark.parametrize(
+    ("effects", "joints"),
+    [((LAG(0, (3e-4,)), LAG(1, (3e-4,))), [0, 1]), ((LAG(None, (3e-4,)), DELAY(1, (5e-4,))), [None])],
+    ids=["two joints", "the arm, and more"],
+)
+def test_two_joints_that_lag_alike_are_no_arm_that_does(effects: tuple[Effect, ...], joints: list[int | None]) -> None:
+    bench, start = begun(*effects).bench, begun(*effects).start
+    declared = linearised(start.problem, bench.guess.vector())
+    lag = best_of(declared, LAG, None)
+    assert lag is not None
+    ((_, state),) = refitted(bench, start, [(lag, declared)], lambda line: None)
+    entry = replace(diagnosed.diagnosis().added[0], effect=state.effects[-1])
+    found, added = apart(bench, state, [entry], lambda line: None)
+    assert excess(bench, state) > 10.0 and [e.joint for e in found.effects] == joints
+    assert [one.effect for one in added] == list(found.effects)
+    assert all(e.values[0] == pytest.approx(3e-4, rel=0.02) for e in found.effects if e.joint is not None)
