@@ -177,15 +177,15 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(mo
         asked.append(state)
         return bent, ["added"]
 
-    same = {"exchanged": lambda bench, state, added, progress: (state, added)}
-    stand_ins = same | {
+    stand_ins = dict.fromkeys(
+        ("apart", "exchanged", "pruned"), lambda bench, state, added, progress: (state, added)
+    ) | {
         "excess": lambda bench, state: state.left,
         "_departs": lambda bench, state: state.left > 1.1,
         "_suspect": lambda bench, state: False,
         "_little": lambda bench, start, state: False,
         "another": another,
         "afresh": lambda bench, state, progress: straight,
-        "pruned": same["exchanged"],
     }
     for name, stand_in in stand_ins.items():
         monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
