@@ -19,7 +19,8 @@ def apart(bench: Bench, state: State, added: list[Added], progress: Callable[[st
     """The model with effects of single joints in the place of its last one, that of the whole arm, where that leaves something and they
     far less, and not every joint needs its own."""
     entry, whole = added[-1], state.effects[-1]
-    if whole.joint is not None or "joint" not in whole.scope or excess(bench, state) <= NAMED:
+    of_joints = "joint" in whole.scope and not any(e.name == whole.name for e in state.effects[:-1])
+    if whole.joint is not None or not of_joints or excess(bench, state) <= NAMED or bench.late:
         return state, added
     best = fitted(bench, Refit.of(fitted(bench, _of_each(bench, state))))
     others = len(state.effects) - 1

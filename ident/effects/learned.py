@@ -19,7 +19,8 @@ from ident.effects.motion import AT, Motion, State, Told, direction
 
 class Kind(NamedTuple):
     """What a curve is a function `of` and what it is multiplied by: `times`; units, reference and bounds of its heights, see
-    `Parameter`. A `load` is a spring's torque, a `drive` the motor's own, a `turn` the motor's angle."""
+    `Parameter`. A `load` is a spring's torque, a `drive` the motor's own, a `turn` the motor's angle; `direction` is against the
+    motion of a contact, `way` along the winding of a spring."""
 
     of: str
     times: str = ""
