@@ -243,17 +243,19 @@ def _values(effect: dict[str, Any]) -> str:
 
 def _curve(curve: dict[str, Any], port: str) -> str:
     """What a learned curve is a function of."""
+    place = "deflection" if port == "spring" else "position"
     what = {
+        "position": f"a curve of {place}",
         "friction": "dry friction that is a curve of position",
         "torque": "a curve of the load",
         "drive": "a curve of the drive's torque",
         "sliding": "dry friction that is a curve of velocity",
         "loaded": "dry friction that is a curve of the load",
         "driven": "dry friction that is a curve of the drive's torque",
-        "damping": "damping that is a curve of position",
+        "damping": f"damping that is a curve of {place}",
         "laden": "damping that is a curve of the load",
         "driving": "damping that is a curve of the drive's torque",
-        "structural": "damping by a torque, not a velocity, that is a curve of position",
+        "structural": f"damping by a torque, not a velocity, that is a curve of {place}",
         "gain": "a share of its torque that is a curve of position",
         "fading": "a share of its torque that is a curve of velocity",
         "reading": "an error that is a curve of the motor's position",
@@ -263,10 +265,7 @@ def _curve(curve: dict[str, Any], port: str) -> str:
         signal = "angle that is measured" if port == "sensor" else "torque that is commanded"
         return f"gain and delay of the {signal}, as curves of frequency"
     again = f", again every {curve['period']:.4g} {curve['period_unit']}" if curve.get("period") else ""
-    law = what.get(curve["variable"], "a curve of " + curve["variable"])
-    if port == "spring":
-        law = law.replace("curve of position", "curve of deflection")
-    return f"{law} at the {port}{again}"
+    return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
 
 
 def _place(row: dict[str, Any]) -> str:

@@ -16,7 +16,7 @@ from ident.coupled import DOUBTS, problem_of
 from ident.descent import Minimum, minimise
 from ident.effects.base import Effect, PortLaw
 from ident.effects.carried import of_declared_links
-from ident.effects.learned import Learned
+from ident.effects.learned import LINEAR, Learned
 from ident.evidence import Evidence
 from ident.parts import Split, degrees, few_lines, sampled
 from ident.sliding import TURNS
@@ -41,8 +41,7 @@ ASTRAY = 3.0
 #: Which of the four numbers of a drive (`Parameters`: K, J_m, D, D_spring) is a slope of a curve, by port and variable.
 SLOPES = {
     ("spring", "position"): 0, ("motor", "velocity"): 2, ("motor", "sliding"): 2, ("motor", "damping"): 2, ("motor", "laden"): 2,
-    ("motor", "driving"): 2,
-    ("spring", "velocity"): 3, ("spring", "damping"): 3, ("spring", "stiffness"): 0,
+    ("motor", "driving"): 2, ("spring", "velocity"): 3, ("spring", "damping"): 3, ("spring", "stiffness"): 0,
 }  # fmt: skip
 #: chi^2 of a height of a learned curve of the size of all, so that one that no record shows stays at nothing.
 UNSEEN_HEIGHT = 1e-4
@@ -125,11 +124,7 @@ def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
     """Whether a learned curve has the slope of a linear law of its port in it, too: together they could be anything."""
     if not (isinstance(effect, PortLaw) and effect.linear):
         return False
-    curves = [
-        e
-        for e in effects
-        if isinstance(e, Learned) and e.variable in ("position", "velocity", "damping", "laden", "driving")
-    ]
+    curves = [e for e in effects if isinstance(e, Learned) and e.variable in LINEAR]
     return any((curve.port, curve.joint) == (effect.port, effect.joint) for curve in curves)
 
 

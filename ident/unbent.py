@@ -43,7 +43,7 @@ def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench
     _, vector, joint = left[0]
     firmly, declared = replace(told[joint], firm=FIRMLY), bench.guess.vector()
     # From the declared one, too: what no record shows may be anywhere in `vector`.
-    ends = [fitted(firmly, Refit(start, (), (), (), lines=FIRST_LINES)) for start in (vector, declared)]
+    ends = [fitted(firmly, Refit(begin, (), (), (), lines=FIRST_LINES)) for begin in (vector, declared)]
     least, vector = min(((excess(firmly, end), end.minimum.vector) for end in ends), key=lambda one: one[0])
     progress(f"  without records of joint {joint + 1} the arm leaves {least:.3g}: from there")
     n, D = bench.model.chain.n, len(bench.guess.alpha)

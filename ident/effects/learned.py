@@ -36,6 +36,11 @@ class Kind(NamedTuple):
         return self.times == "direction"
 
     @property
+    def damps(self) -> bool:
+        """Whether its heights are dampings."""
+        return self.times == "velocity"
+
+    @property
     def of_place(self) -> bool:
         """Whether it is one of a place: of a spring, of its deflection."""
         return self.of in ("position", "turn")
@@ -60,6 +65,8 @@ KINDS = {
     "stiffness": Kind("turn", "position", "Nm/rad", "K", -0.5, 2.0, "N/m"),
     "reading": Kind("position", "", "rad", "", -0.5, 0.5, sliding=""),
 }
+#: The variables of curves that have a stiffness or a damping in them.
+LINEAR = ("position", "velocity", *(name for name, kind in KINDS.items() if kind.damps))
 #: The variables at each port.
 VARIABLES = {
     "motor": (
@@ -225,9 +232,7 @@ def learned(
     """The kind of curve with knots `at` for a port, that `repeats` itself or not, and `bends` between its knots or is straight: its
     heights are torques at the port, or what makes torques of what it is multiplied by."""
     kind = KINDS[variable_name]
-    only_lost = (
-        port_name == "link" and kind.times == "velocity"
-    )  # motors and springs have a damping besides, to which it adds
+    only_lost = port_name == "link" and kind.damps  # motors and springs have a damping besides, to which it adds
     low = 0.0 if only_lost else kind.low
     heights = tuple(
         Parameter(
