@@ -22,10 +22,14 @@ from ident.refits import (
     FEW_SAMPLES,
     FEW_TURNS,
     FINELY,
+    FULLY,
     HASTILY,
+    NAMED,
     Bench,
+    Refit,
     State,
     excess,
+    fitted,
     linearised,
     same,
     without,
@@ -121,6 +125,9 @@ def _entered(
     if hastily and new.select >= AHEAD * less.select:
         less = without(bench, new, new.effects[-1])
     state = less if less.select < state.select else state  # what is gained by a better fit is no gain of the effect
+    if new.roughly < state.roughly and excess(bench, state) <= NAMED and earned(bench, state, new, first):
+        less = fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=new.roughly))
+        state = less if less.select < state.select else state
     gain = state.select - new.select
     little = gain < CURVE_SHARE * first and not (excess(bench, state) > BY_ALL and excess(bench, new) <= CLOSE)
     if not earned(bench, state, new, first) or (is_curve(best) and little):
