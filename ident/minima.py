@@ -30,6 +30,7 @@ from ident.refits import (
     excess,
     fitted,
     same,
+    some,
 )
 from ident.scene import known
 
@@ -288,9 +289,27 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
             state = other
         if back or excess(bench, state) <= NAMED or bench.late:
             break
-    if not isinstance(state.effects[-1], Carrying) or excess(bench, state) <= NAMED or bench.late:
+    for k, effect in enumerate(state.effects):
+        if excess(bench, state) <= NAMED or bench.late:
+            break
+        earlier = k + 1 < len(state.effects)
+        if isinstance(effect, Carrying) or (earlier and effect.carries):
+            state = _links_anew(bench, state, k, progress)
+    return state
+
+
+def _links_anew(bench: Bench, state: State, place: int, progress: Callable[[str], None]) -> State:
+    """The model, or a better one with what the effect at this place carries told anew: others were missing beside it."""
+    order = [*(k for k in range(len(state.effects)) if k != place), place]
+    last = fitted(bench, some(state, order))
+    new = _carrying(bench, last)
+    if new is last:
         return state
-    return _closely_if_new(bench, state, _carrying(bench, state))
+    new = _closely(bench, some(new, np.argsort(order).tolist()), excess(bench, new))
+    if new.select >= state.select:
+        return state
+    progress(f"  links anew, {told(new.effects[place])}: {excess(bench, new):.4g}")
+    return new
 
 
 def _as_much(state: State, other: State) -> bool:

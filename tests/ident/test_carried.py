@@ -18,7 +18,7 @@ from ident.effects.carried import Carrying, carrying, of_declared_links, shown
 from ident.effects.friction import LinkViscous
 from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.frf import estimate
-from ident.minima import _carrying
+from ident.minima import _carrying, _links_anew
 from ident.refits import Refit, excess, fitted, on_declared_links
 from symgen.chain import Chain, Inertia
 from symgen.plan import chain_of_robot, make_model
@@ -133,3 +133,16 @@ def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing(s
     assert isinstance(effect, Carrying) and effect.name == "base-compliance"
     assert excess(bench, found) < 1.2
     np.testing.assert_allclose(effect.values[:3], BASE.values[:3], rtol=0.02)
+
+
+def test_what_it_carries_is_told_anew_once_another_effect_is_known_too() -> None:
+    bench = begun().bench
+    effects, values = (BASE, LinkViscous(0, (0.1,))), (*BASE.values, 0.1)
+    limits = (*((0.2 * b, 5.0 * b) for b in BASE.values), (-10.0, 10.0))
+    state = fitted(bench, Refit(np.concatenate([bench.guess.vector(), values]), effects, values, limits))
+    said: list[str] = []
+    found = _links_anew(bench, state, 0, said.append)
+    assert excess(bench, state) > 3.0
+    assert excess(bench, found) < 1.2
+    assert [effect.name for effect in found.effects] == ["base-compliance", "link-viscous"]
+    assert isinstance(found.effects[0], Carrying) and len(said) == 1
