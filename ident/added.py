@@ -47,7 +47,7 @@ class Added:
     """One effect that was added: `before` and `after` held-out errors; `gain` of chi^2 where it was chosen, of `excess`.
 
     `rivals` are the next best, with the held-out error each leaves; `tied` those that these records do not tell apart; `others` the
-    models with one of them that left hardly more, `besides` the model without it.
+    models with one of them that left hardly more, `partly` those that explained something, `besides` the model without it.
     `port_shares` is how much of the excess a free force at each (port, joint) would explain.
     """
 
@@ -61,6 +61,7 @@ class Added:
     tied: tuple[Effect, ...]
     port_shares: tuple[tuple[str, int, float], ...]
     others: tuple[State, ...] = ()
+    partly: tuple[State, ...] = ()
     besides: State | None = None
 
 

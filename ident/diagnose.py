@@ -254,7 +254,8 @@ def _loop(
         if not departs or (little and excess(bench, state) <= NAMED) or bench.late:
             break
         bends = not bench.split.note and _may_bend(bench, start, state)  # then it is tried by lines next
-        step = another(bench, state, start.select, progress, little, bends)
+        partly = [one for entry in reversed(added) for one in entry.partly]
+        step = another(bench, state, start.select, progress, little, bends, partly)
         if step is None:
             break
         state, more = step

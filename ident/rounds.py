@@ -46,7 +46,7 @@ from ident.trials import (
     polished,
     resting,
 )
-from ident.tried import refitted
+from ident.tried import again, refitted
 from symgen.forked import forked
 
 #: Rivals whose errors are told.
@@ -61,13 +61,20 @@ CURVE_SHARE = 0.05
 
 
 def another(
-    bench: Bench, state: State, first: float, progress: Callable[[str], None], little: bool, bends: bool = False
+    bench: Bench,
+    state: State,
+    first: float,
+    progress: Callable[[str], None],
+    little: bool,
+    bends: bool = False,
+    partly: Sequence[State] = (),
 ) -> tuple[State, list[Added]] | None:
     """The model with one effect more, if any earns it, or two that do together; `first` is chi^2 on the choosing records before any was
     added. Where `little` is left, only of those that promise most of it. Where the records that fit may let the model bend, `bends`,
-    no two, and none if all leave more at first than there was."""
+    no two, and none if all leave more at first than there was. What explained something `partly` before others were added is tried as it
+    was then, too: what these missed may have bent the arm."""
     lin = linearised(state.problem, state.minimum.vector)
-    best, tried = _best(bench, state, lin, first, progress, little, bends)
+    best, tried = _best(bench, state, lin, first, progress, little, bends, partly)
     one = _entered(bench, state, best, tried, lin, first)
     names = None if best is None else named_gains(bench, best[1], progress)
     if names is not None and earned(bench, state, names, first):
@@ -159,6 +166,7 @@ def _entry(
         ),
         port_shares=port_shares(lin),
         besides=state,
+        partly=tuple([one for one in named if one.select < LEADS * state.select][:RIVALS]),
         others=tuple([one for one in named if one.select - dof < HARDLY_MORE * max(new.select - dof, 0.0)][:RIVALS]),
     )  # fmt: skip
 
@@ -171,11 +179,13 @@ def _best(
     progress: Callable[[str], None],
     little: bool,
     bends: bool = False,
+    partly: Sequence[State] = (),
 ) -> tuple[Tried | None, list[Tried]]:
     """The candidate to be chosen beyond `state`, at its minimum, and all that were tried; as in `another`."""
-    tried: list[Tried] = []
+    tried = again(bench, state, partly, progress) if excess(bench, state) > CLOSE else []
     leader: Tried | None = None
-    for more in [resting(bench, state, lin, progress)] if little else hasty(bench, state, lin, first, progress):
+    few = little or any(excess(bench, new) <= NAMED for _, new in tried)
+    for more in [resting(bench, state, lin, progress)] if few else hasty(bench, state, lin, first, progress):
         tried += more
         if bench.late:
             return chosen(bench, tried, state.select), tried

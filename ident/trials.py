@@ -135,7 +135,8 @@ def hasty(
 
 
 def resting(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
-    """The names that promise most of the little that known effects leave, hastily refitted: less of it where dry friction acts."""
+    """The names that promise most of what is left, where that is little or one is known that leaves nothing, hastily refitted: less of it
+    where dry friction acts."""
     names, left = catalogue(lin, state.effects, bench.workers), beyond_noise(state, lin)
     rubs = {(effect.port, effect.joint) for effect in state.effects if effect.dry and excess(bench, state) > NAMED}
     here = [c for c in names if (c.effect.port, c.effect.joint) in rubs and c.gain > BESIDE * left]

@@ -10,7 +10,7 @@ import numpy as np
 from ident.candidates import Candidate, bounds, units
 from ident.choice import Tried
 from ident.minima import WOUND, told, winds_up
-from ident.refits import CLOSE, FIRST_LINES, HASTILY, NAMED, Bench, Refit, State, all_fitted, excess
+from ident.refits import CLOSE, FIRST_LINES, HASTILY, NAMED, Bench, Refit, State, all_fitted, excess, same
 from ident.trace import Linearised
 
 #: Of many candidates, those that few lines leave least to are refitted as others are.
@@ -44,6 +44,28 @@ def refitted(
             whole = max(whole, candidate.gain)
         if all(other.gain < PROMISED * whole for other in candidates[len(tried) :]):
             break
+    return tried
+
+
+def again(bench: Bench, state: State, earlier: Sequence[State], progress: Callable[[str], None]) -> list[Tried]:
+    """The model `state` with the last effect of each of some `earlier` ones, as it was in them, on the arm that they had."""
+    refits: list[Refit] = []
+    base = state.problem.base
+    for other in earlier:
+        effect, values = other.effects[-1], other.minimum.vector[base:]
+        if any(same(effect, e) for e in [*state.effects, *(refit.effects[-1] for refit in refits)]):
+            continue
+        own = len(values) - len(effect.values)
+        refits.append(Refit(
+            np.concatenate([other.minimum.vector[:base], state.minimum.vector[base:], values[own:]]), (*state.effects, effect),
+            state.scales + other.scales[own:], state.limits + other.limits[own:], WOUND if winds_up(effect) else 1, HASTILY,
+            slid=state.minimum.slid,
+        ))  # fmt: skip
+    tried = []
+    for refit, new in zip(refits, all_fitted(bench, refits), strict=True):
+        effect = refit.effects[-1]
+        tried.append((Candidate(effect, 0.0, refit.scales[-len(effect.values) :]), new))
+        progress(f"  again, {told(new.effects[-1])}: {excess(bench, new):.4g}")
     return tried
 
 
