@@ -27,7 +27,7 @@ from ident.parts import degrees
 from ident.refits import Bench, State, excess, linearised
 from ident.rounds import _best, _gaining, _two
 from ident.trials import giving
-from ident.tried import refitted
+from ident.tried import again, refitted
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
 
@@ -57,6 +57,15 @@ def alone(begun: Begun, name: str) -> Tried:
     assert candidate is not None
     (tried,) = refitted(begun.bench, begun.start, [(candidate, declared)], lambda line: None)
     return tried
+
+
+def test_what_explained_something_before_is_tried_again_as_it_was(begun: Begun) -> None:
+    said: list[str] = []
+    scaled, rings = alone(begun, SCALE)[1], alone(begun, RINGS)[1]
+    ((candidate, state),) = again(begun.bench, scaled, [rings, rings, scaled], said.append)
+    assert [e.name for e in state.effects] == [SCALE, RINGS] and candidate.effect is rings.effects[-1]
+    assert excess(begun.bench, state) < 1.1 < excess(begun.bench, scaled)
+    assert len(said) == 1 and not again(begun.bench, state, [rings], said.append)
 
 
 def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:

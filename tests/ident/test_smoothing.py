@@ -21,6 +21,7 @@ from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.hysteresis import SpringHysteresis
 from ident.effects.motion import Motion
+from ident.effects.motor import MotorCoupling
 from ident.effects.sensor import JointZeroOffset
 from ident.effects.spring import Backlash, SpringHardening, TransmissionError
 from ident.evidence import evidence, gravity_basis
@@ -86,6 +87,11 @@ def test_forces_of_second_order_follow_from_the_motion_that_friction_leaves() ->
     """Those of the motion that was measured, in which the foot does not stick, leave 1.02 times the noise."""
     posture = (0.0, 0.0, 0.0, 0.0, 0.0, 1.8145)
     assert levels(LinkCoulomb(0, (4.3,)), "joint5", posture, robot="arm6", f0=1.0)[1] < 0.95
+
+
+def test_terms_of_second_order_are_those_of_the_likeliest_motion_without_any_force_too() -> None:
+    measured, likeliest = levels(MotorCoupling(0, (-0.3, 1.0)), "joint2", (0.0, 0.5, 0.9))
+    assert likeliest < 1.1 < measured
 
 
 def test_a_joint_that_an_effect_puts_beside_its_posture_is_fitted_where_it_was() -> None:
