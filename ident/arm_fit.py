@@ -46,9 +46,8 @@ class Problem:
     The vector [P] is that of `Parameters` followed by the values of every effect; a step of `scale` [P] is a large one. `low`,
     `high` [P] bound it; `free` [P] are the parameters that may move. `scene_at` gives a record's scene at another posture.
     With `turns` the forces of effects are found together with the motion that they change, dry friction from where it was
-    found last, `slid`, by record; with as many as may be needed, motions of second order are the likeliest ones in any case.
-    `expected` are a vector [P] known beforehand and the weights [P] of steps of `scale` away from
-    it, added to chi^2. `workers` processes have a share of the records each. Fits end once `time.monotonic()` is `until`.
+    found last, `slid`, by record; with `TURNS` of them terms of second order are of the likeliest motion without forces, too.
+    `expected` are a vector [P] known beforehand and the weights [P] of steps of `scale` away from it, added to chi^2. `workers` processes have a share of the records each. Fits end once `time.monotonic()` is `until`.
     """
 
     data: tuple[Evidence, ...]
@@ -139,7 +138,7 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
         scene = problem.scene(one, effects)
         powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear_extra(scene, p, effects))
         how = moved(scene, p, effects)
-        if how is not None and (forceful or problem.turns >= TURNS) and problem.turns:
+        if how is not None and problem.turns >= (1 if forceful else TURNS):
             how = smoothed(scene, p, effects, how, one.sampling, powers, problem.turns, problem.slid.get(one.index))
         if how is not None and how.lined:
             linear = linear_part(scene, p, effects, how)

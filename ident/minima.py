@@ -292,8 +292,8 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
     for k, effect in enumerate(state.effects):
         if excess(bench, state) <= NAMED or bench.late:
             break
-        earlier = k + 1 < len(state.effects)
-        if isinstance(effect, Carrying) or (earlier and effect.carries):
+        last = k == len(state.effects) - 1
+        if isinstance(effect, Carrying) or (not last and effect.carries):
             state = _links_anew(bench, state, k, progress)
     return state
 

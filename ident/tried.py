@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.campaign import Array
 from ident.candidates import Candidate, bounds, units
 from ident.choice import Tried
 from ident.minima import WOUND, told, winds_up
@@ -49,22 +50,18 @@ def refitted(
 
 def again(bench: Bench, state: State, earlier: Sequence[State], progress: Callable[[str], None]) -> list[Tried]:
     """The model `state` with the last effect of each of some `earlier` ones, as it was in them, on the arm that they had."""
-    refits: list[Refit] = []
+    refits: dict[tuple[str, int | None], tuple[Candidate, Refit]] = {}
     base = state.problem.base
     for other in earlier:
-        effect, values = other.effects[-1], other.minimum.vector[base:]
-        if any(same(effect, e) for e in [*state.effects, *(refit.effects[-1] for refit in refits)]):
-            continue
-        own = len(values) - len(effect.values)
-        refits.append(Refit(
-            np.concatenate([other.minimum.vector[:base], state.minimum.vector[base:], values[own:]]), (*state.effects, effect),
-            state.scales + other.scales[own:], state.limits + other.limits[own:], WOUND if winds_up(effect) else 1, HASTILY,
-            slid=state.minimum.slid,
-        ))  # fmt: skip
-    tried = []
-    for refit, new in zip(refits, all_fitted(bench, refits), strict=True):
-        effect = refit.effects[-1]
-        tried.append((Candidate(effect, 0.0, refit.scales[-len(effect.values) :]), new))
+        effect, arm = other.effects[-1], other.minimum.vector[:base]
+        own = len(other.scales) - len(effect.values)
+        candidate = Candidate(effect, 0.0, other.scales[own:])
+        if not any(same(effect, e) for e in state.effects) and (effect.name, effect.joint) not in refits:
+            found = np.concatenate([arm, state.minimum.vector[base:]])
+            refits[effect.name, effect.joint] = candidate, _with(state, found, candidate, other.limits[own:])
+    candidates, models = [c for c, _ in refits.values()], all_fitted(bench, [refit for _, refit in refits.values()])
+    tried = list(zip(candidates, models, strict=True))
+    for _, new in tried:
         progress(f"  again, {told(new.effects[-1])}: {excess(bench, new):.4g}")
     return tried
 
@@ -73,7 +70,12 @@ def with_candidate(bench: Bench, state: State, candidate: Candidate, lin: Linear
     """The model with a candidate, to be refitted hastily."""
     unit = units(lin, type(candidate.effect), candidate.effect.joint)
     limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
+    return _with(state, lin.vector, candidate, limits)
+
+
+def _with(state: State, vector: Array, candidate: Candidate, limits: tuple[tuple[float, float], ...]) -> Refit:
+    """The model with a candidate, to be refitted hastily from this `vector` of all that it has already."""
     return Refit(
-        np.concatenate([lin.vector, candidate.effect.values]), (*state.effects, candidate.effect), state.scales + candidate.scales,
+        np.concatenate([vector, candidate.effect.values]), (*state.effects, candidate.effect), state.scales + candidate.scales,
         state.limits + limits, WOUND if winds_up(candidate.effect) else 1, HASTILY, slid=state.minimum.slid,
     )  # fmt: skip
