@@ -62,6 +62,10 @@ MUCH = 0.3
 LOOKED_AT, SURE, SURE_SHARE = 20_000, 150.0, 0.005
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured.
 LEFT = 0.03
+#: Said where the parts are of lines.
+BY_LINES = "what departs hardly shows in the records that fit: lines of every record in each part"
+#: Whether what is left of a model by such parts of the records is another's to explain.
+GivesWay = Callable[[State, Split], bool]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +103,14 @@ def diagnose(
     return begin(campaign, model, responses, workers).diagnosed(progress)
 
 
+def _never(state: State, split: Split) -> bool:
+    return False
+
+
 @dataclass(frozen=True, eq=False)
 class Begun:
-    """The evidence of all records, `responses` theirs, and `start`, the arm without effects."""
+    """The evidence of all records, `responses` theirs, and `start`, the arm without effects; by lines of every record where those that
+    fit tell too little of it."""
 
     responses: tuple[Frf, ...]
     data: tuple[Evidence, ...]
@@ -113,12 +122,17 @@ class Begun:
         """Whether anything but noise is left of the records without effects."""
         return _departs(self.bench, self.start) or _suspect(self.bench, self.start)
 
-    def left_beside(self, found: Diagnosis, fewer: int = 0) -> float:
-        """chi^2 per degree of freedom on the choosing records that this arm leaves with the effects of another diagnosis, or with so
-        many `fewer` of them as do best."""
-        bench, end, n = self.bench, found.end, self.bench.model.chain.n
-        if found.split.note and not bench.split.note:
-            bench = replace(bench, split=split_lines(self.data, found.split.note))
+    @property
+    def alone(self) -> float:
+        """chi^2 per degree of freedom that the arm without effects leaves on the choosing records."""
+        return excess(self.bench, self.start)
+
+    def left_beside(self, end: State, split: Split, fewer: int = 0) -> float:
+        """chi^2 per degree of freedom on the choosing records that this arm leaves with the effects found with another, `end`, by such
+        parts of the records, or with so many `fewer` of them as do best."""
+        bench, n = self.bench, self.bench.model.chain.n
+        if split.note and not bench.split.note:
+            bench = replace(bench, split=split_lines(self.data, split.note))
         count = len(end.effects)
         parts = [some(end, keep) for keep in combinations(range(count), count - fewer)]
         arms = [self.start.minimum.vector, np.concatenate([end.minimum.vector[: 4 * n], bench.guess.vector()[4 * n :]])]
@@ -127,18 +141,19 @@ class Begun:
         hastily = all_fitted(bench, [replace(one, roughly=HASTILY) for one in refits])
         return excess(bench, fitted(bench, Refit.of(min(hastily, key=lambda state: state.select))))
 
-    def diagnosed(self, progress: Callable[[str], None] = lambda line: None) -> Diagnosis:
-        """What explains the records, see `diagnose`."""
+    def diagnosed(self, progress: Callable[[str], None] = lambda line: None, gives_way: GivesWay = _never) -> Diagnosis:
+        """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm."""
         data, bench, start = self.data, self.bench, self.start
-        if not bench.split.note and (_bends(bench, start, BENDS) or _fits_alone(bench, start)):
-            bench, start = _by_lines(bench, data, progress)
-        state, added = _loop(bench, start, progress)
+        if bench.split.note:
+            progress(BY_LINES)
+        state, added = _loop(bench, start, progress, None, gives_way)
         left = _left_over(bench, start, state)
         if not bench.split.note and not bench.late and _doubtful(bench, start, state, bool(left)):
-            by_lines = _by_lines(bench, data, progress)
+            progress(BY_LINES)
+            by_lines = _by_lines(bench, data)
             resumed = _resumed(*by_lines, state, added)
             if resumed is not None or (left and (not added or _left(bench, start, state) > LEFT)):
-                other, more = _loop(*by_lines, progress, resumed)
+                other, more = _loop(*by_lines, progress, resumed, gives_way)
                 if _left(*by_lines, other) < _left(bench, start, state):
                     (bench, start), state, added = by_lines, other, more
                     left = _left_over(bench, start, state)
@@ -181,7 +196,10 @@ def begin(
     data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
     guess = declared_start(campaign, model, responses, basis)
     bench = Bench(campaign, model, basis, split(data, model), guess, workers, until=until)
-    return Begun(responses, data, bench, first(bench))
+    start = first(bench)
+    if not bench.split.note and (_bends(bench, start, BENDS) or _fits_alone(bench, start)):
+        bench, start = _by_lines(bench, data)
+    return Begun(responses, data, bench, start)
 
 
 def _bends(bench: Bench, state: State, times: float) -> bool:
@@ -208,9 +226,8 @@ def _doubtful(bench: Bench, start: State, state: State, left: bool) -> bool:
     return excess(bench, state) > NAMED and _bends(bench, state, MAY_BEND)
 
 
-def _by_lines(bench: Bench, data: tuple[Evidence, ...], progress: Callable[[str], None]) -> tuple[Bench, State]:
+def _by_lines(bench: Bench, data: tuple[Evidence, ...]) -> tuple[Bench, State]:
     """All records in each part, and the arm without effects."""
-    progress("what departs hardly shows in the records that fit: lines of every record in each part")
     bench = replace(bench, split=split_lines(data, "what departs shows in too few records"))
     return bench, first(bench)
 
@@ -238,6 +255,7 @@ def _loop(
     start: State,
     progress: Callable[[str], None],
     resumed: tuple[State, list[Added]] | None = None,
+    gives_way: GivesWay = _never,
 ) -> tuple[State, list[Added]]:
     """The arm with those effects that earned their place beyond `start`, or beyond those `resumed`, and these in the order in which
     they were added."""
@@ -252,6 +270,8 @@ def _loop(
         little = bool(added) and _little(bench, start, state)
         departs = _departs(bench, state) or (not added and _suspect(bench, state))
         if not departs or (little and excess(bench, state) <= NAMED) or bench.late:
+            break
+        if added and gives_way(state, bench.split):
             break
         bends = not bench.split.note and _may_bend(bench, start, state)  # then it is tried by lines next
         partly = [one for entry in reversed(added) for one in entry.partly]

@@ -72,7 +72,7 @@ FINALISTS = 3
 ENOUGH = 3e-3
 #: Share of a small rest that an effect must promise to be tried, and one that acts where dry friction does; of what friction leaves, that
 #: a law beside it may leave to be it.
-MOST, BESIDE, HALF = 0.5, 0.05, 0.5
+MOST, BESIDE, HALF = 0.3, 0.05, 0.5
 
 
 def explains(bench: Bench, state: State, first: float, near: float = CLOSE) -> bool:

@@ -212,8 +212,8 @@ def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
     )
     stand_ins = {
         "degrees": lambda data: 1,
-        "_loop": lambda bench, start, progress, resumed=None: resumed or (found, []),
-        "_by_lines": lambda bench, data, progress: (whole, first),
+        "_loop": lambda bench, start, progress, resumed=None, gives_way=None: resumed or (found, []),
+        "_by_lines": lambda bench, data: (whole, first),
         "_resumed": lambda bench, start, state, added: (other, []),
         "_left_over": lambda *of: (),
         "contradicted": lambda bench, state: (),

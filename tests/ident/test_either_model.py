@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -52,7 +52,7 @@ def test_general_links_beside_what_was_found_leave_as_much() -> None:
     found, _ = diagnose_either(campaign(DELAY))
     general = begin(campaign(DELAY), make_model(chain_of_robot(SHORT)), found.responses)
     assert len(general.bench.model.alpha_cad) > len(found.model.alpha_cad)
-    assert general.left_beside(found) == pytest.approx(found.left, rel=0.1)
+    assert general.left_beside(found.end, found.split) == pytest.approx(found.left, rel=0.1)
 
 
 class Left:
@@ -61,8 +61,16 @@ class Left:
     status = "explained"
 
     def __init__(self, model: Model, left: float, values: int, off: int = 0) -> None:
-        self.model, self.left, self.off = model, left, [None] * off
+        self.model, self.left, self.off, self.split = model, left, [None] * off, None
         self.end = SimpleNamespace(effects=[SimpleNamespace(values=(0.0,) * values)] if values else [])
+
+
+@dataclass(frozen=True)
+class Parts:
+    """A bench of which only the parts and the clock are asked for."""
+
+    split: None
+    late: bool
 
 
 @pytest.mark.parametrize(
@@ -93,12 +101,14 @@ def test_what_takes_fewer_numbers_is_taken(
     runs: list[bool] = []
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
-        def diagnosed(progress: object) -> Left:
+        def diagnosed(progress: object, gives_way: object = None) -> Left:
             runs.append(bool(model.factoring.believed))
             return Left(model, by_zeros if model.factoring.believed else by_general, values)
 
         bench = SimpleNamespace(late=False)
-        return SimpleNamespace(departs=not alone, diagnosed=diagnosed, left_beside=lambda found: beside, bench=bench)
+        return SimpleNamespace(
+            departs=not alone, alone=9.0, diagnosed=diagnosed, left_beside=lambda *_: beside, bench=bench
+        )
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
     found, notes = diagnose_either(campaign(0.0, 1), believe)
@@ -115,7 +125,7 @@ def test_what_has_fewer_causes_is_taken(
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
         zeros = bool(model.factoring.believed)
         found = Left(model, 1.0, int(zeros), by_zeros if zeros else by_general)
-        return SimpleNamespace(departs=False, diagnosed=lambda progress: found)
+        return SimpleNamespace(departs=False, alone=1.0, diagnosed=lambda *_: found)
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
     assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
@@ -131,16 +141,66 @@ def test_links_that_do_without_two_effects_are_taken(
     """A body that is not symmetric looks like several effects of an arm that is."""
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
-        def left(found: Left, fewer: int = 0) -> float:
+        def left(end: SimpleNamespace, split: None, fewer: int) -> float:
             assert fewer == 2
             return beside
 
         found = Left(model, 1.0, 1)
         found.end.effects *= effects if model.factoring.believed else by_general
-        return SimpleNamespace(departs=True, diagnosed=lambda progress: found, left_beside=left)
+        return SimpleNamespace(departs=True, alone=9.0, diagnosed=lambda *_: found, left_beside=left)
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
     assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
+
+
+@pytest.mark.parametrize(
+    ("by_general", "beside", "order", "believed"),
+    [
+        (1.0, 9.0, [False], False),  # links that are not symmetric beside an effect
+        (1.0, 1.0, [False, True], True),  # the effect does without them
+        (5.0, 9.0, [False, True], True),  # they leave something
+    ],
+)
+def test_links_that_leave_far_less_without_effects_come_first(
+    monkeypatch: pytest.MonkeyPatch, by_general: float, beside: float, order: list[bool], believed: bool
+) -> None:
+    runs: list[bool] = []
+
+    def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
+        zeros = bool(model.factoring.believed)
+
+        def diagnosed(*_: object) -> Left:
+            runs.append(zeros)
+            return Left(model, 1.0 if zeros else by_general, 1)
+
+        return SimpleNamespace(
+            departs=True, alone=90.0 if zeros else 9.0, diagnosed=diagnosed, left_beside=lambda *_: beside
+        )
+
+    monkeypatch.setattr(ident.either_model, "begin", begun)
+    found = diagnose_either(campaign(0.0, 1))[0]
+    assert runs == order and bool(found.model.factoring.believed) == believed
+
+
+@pytest.mark.parametrize(("left", "beside", "gives_way"), [(9.0, 1.0, True), (9.0, 5.0, False), (1.0, 0.1, False)])
+def test_what_general_links_explain_far_better_is_theirs(
+    monkeypatch: pytest.MonkeyPatch, left: float, beside: float, gives_way: bool
+) -> None:
+    asked: list[bool] = []
+
+    def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
+        def diagnosed(progress: object, ask: object = None) -> Left:
+            if callable(ask):
+                asked.append(ask(left, None))
+            return Left(model, 1.0, 1)
+
+        bench = Parts(None, False)
+        return SimpleNamespace(departs=True, alone=9.0, diagnosed=diagnosed, left_beside=lambda *_: beside, bench=bench)
+
+    monkeypatch.setattr(ident.either_model, "begin", begun)
+    monkeypatch.setattr(ident.either_model, "excess", lambda bench, state: state)
+    diagnose_either(campaign(0.0, 1))
+    assert asked == [gives_way]
 
 
 def test_a_search_that_was_ended_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,7 +211,7 @@ def test_a_search_that_was_ended_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
         found = Left(model, 5.0, 1)
         found.status = "unexplained"
         bench = SimpleNamespace(late=True)
-        return SimpleNamespace(departs=True, diagnosed=lambda progress: found, left_beside=None, bench=bench)
+        return SimpleNamespace(departs=True, alone=9.0, diagnosed=lambda *_: found, left_beside=None, bench=bench)
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
     _, notes = diagnose_either(campaign(0.0, 1), seconds=0.0)
