@@ -26,7 +26,7 @@ from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
-from ident.minima import afresh, elsewhere, settled, winds_up
+from ident.minima import afresh, elsewhere, links_anew, settled, winds_up
 from ident.parts import Split, degrees, few_lines, sampled, split, split_lines
 from ident.refits import (
     CLOSE,
@@ -260,10 +260,10 @@ def _loop(
     """The arm with those effects that earned their place beyond `start`, or beyond those `resumed`, and these in the order in which
     they were added."""
     state, added = resumed or (start, [])
-    begun_afresh = state
     progress(
         f"the {'arm with what was found' if added else 'declared arm'}: chi2 {excess(bench, state):.3g} a degree of freedom"
     )
+    state = begun_afresh = links_anew(bench, state, progress) if added else state
     if not added and excess(bench, state) > BENT:
         bench = unbent(bench, state, progress)
     for _ in range(MOST_EFFECTS):

@@ -289,27 +289,24 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
             state = other
         if back or excess(bench, state) <= NAMED or bench.late:
             break
+    return links_anew(bench, state, progress)
+
+
+def links_anew(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+    """The model, or a better one with what its effects carry told anew: others were missing beside them."""
     for k, effect in enumerate(state.effects):
+        order = [*(other for other in range(len(state.effects)) if other != k), k]
         if excess(bench, state) <= NAMED or bench.late:
             break
-        last = k == len(state.effects) - 1
-        if isinstance(effect, Carrying) or (not last and effect.carries):
-            state = _links_anew(bench, state, k, progress)
+        if isinstance(effect, Carrying) or (order[k] != k and effect.carries):
+            last = fitted(bench, some(state, order))
+            new = _carrying(bench, last)
+            if new is not last:
+                new = _closely(bench, some(new, np.argsort(order).tolist()), excess(bench, new))
+                if new.select < state.select:
+                    progress(f"  links anew, {told(new.effects[k])}: {excess(bench, new):.4g}")
+                    state = new
     return state
-
-
-def _links_anew(bench: Bench, state: State, place: int, progress: Callable[[str], None]) -> State:
-    """The model, or a better one with what the effect at this place carries told anew: others were missing beside it."""
-    order = [*(k for k in range(len(state.effects)) if k != place), place]
-    last = fitted(bench, some(state, order))
-    new = _carrying(bench, last)
-    if new is last:
-        return state
-    new = _closely(bench, some(new, np.argsort(order).tolist()), excess(bench, new))
-    if new.select >= state.select:
-        return state
-    progress(f"  links anew, {told(new.effects[place])}: {excess(bench, new):.4g}")
-    return new
 
 
 def _as_much(state: State, other: State) -> bool:

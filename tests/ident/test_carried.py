@@ -18,7 +18,7 @@ from ident.effects.carried import Carrying, carrying, of_declared_links, shown
 from ident.effects.friction import LinkViscous
 from ident.effects.structure import BaseCompliance, LinkFlexibility
 from ident.frf import estimate
-from ident.minima import _carrying, _links_anew
+from ident.minima import _carrying, links_anew
 from ident.refits import Refit, excess, fitted, on_declared_links
 from symgen.chain import Chain, Inertia
 from symgen.plan import chain_of_robot, make_model
@@ -141,7 +141,7 @@ def test_what_it_carries_is_told_anew_once_another_effect_is_known_too() -> None
     limits = (*((0.2 * b, 5.0 * b) for b in BASE.values), (-10.0, 10.0))
     state = fitted(bench, Refit(np.concatenate([bench.guess.vector(), values]), effects, values, limits))
     said: list[str] = []
-    found = _links_anew(bench, state, 0, said.append)
+    found = links_anew(bench, state, said.append)
     assert excess(bench, state) > 3.0
     assert excess(bench, found) < 1.2
     assert [effect.name for effect in found.effects] == ["base-compliance", "link-viscous"]

@@ -194,6 +194,20 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(mo
     assert asked == [start]
 
 
+def test_what_is_resumed_by_lines_has_its_links_told_anew_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    start, found, mended = (SimpleNamespace(select=left, left=left, effects=()) for left in (9.0, 5.0, 1.0))
+    stand_ins = {
+        "excess": lambda bench, state: state.left,
+        "_departs": lambda bench, state: state.left > 1.1,
+        "links_anew": lambda bench, state, progress: mended,
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    bench = SimpleNamespace(split=SimpleNamespace(note="by lines", select=()), late=False)
+    monkeypatch.setattr("ident.diagnose.degrees", lambda data: 1)
+    assert _loop(bench, start, lambda line: None, (found, ["added"])) == (mended, ["added"])
+
+
 @pytest.mark.parametrize(("chosen", "lines"), [(1.3, True), (0.95, False)])
 def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
     chosen: float, lines: bool, monkeypatch: pytest.MonkeyPatch
