@@ -114,8 +114,10 @@ def test_no_two_names_take_the_place_of_one_that_they_do_not_make() -> None:
 
 @pytest.mark.parametrize(
     ("effects", "joints"),
-    [((LAG(0, (3e-4,)), LAG(1, (3e-4,))), [0, 1]), ((LAG(None, (3e-4,)), DELAY(1, (5e-4,))), [None])],
-    ids=["two joints", "the arm, and more"],
+    [
+        pytest.param((LAG(0, (3e-4,)), LAG(1, (3e-4,))), [0, 1], id="two joints"),
+        pytest.param((LAG(None, (3e-4,)), DELAY(1, (5e-4,))), [None], id="the arm, and more", marks=pytest.mark.bench),
+    ],
 )
 def test_two_joints_that_lag_alike_are_no_arm_that_does(effects: tuple[Effect, ...], joints: list[int | None]) -> None:
     bench, start = begun(*effects).bench, begun(*effects).start

@@ -66,6 +66,7 @@ def test_what_turns_is_as_stiff_as_joints_that_turn(monkeypatch: pytest.MonkeyPa
     assert parse("link-flexibility@joint3", robot.drives)["stiffness"] == 2.0 * stiffest
 
 
+@pytest.mark.bench
 def test_a_last_link_that_bends_is_found_though_it_promises_nothing() -> None:
     bench, start = begun().bench, begun().start
     lin = linearised(start.problem, start.minimum.vector)
