@@ -45,7 +45,7 @@ from ident.refits import (
     same,
     some,
 )
-from ident.rounds import another
+from ident.rounds import another, one_more_does
 from ident.trials import BENT, ENOUGH, explains
 from ident.unbent import unbent
 from symgen.plan import Model
@@ -127,9 +127,9 @@ class Begun:
         """chi^2 per degree of freedom that the arm without effects leaves on the choosing records."""
         return excess(self.bench, self.start)
 
-    def left_beside(self, end: State, split: Split, fewer: int = 0) -> float:
-        """chi^2 per degree of freedom on the choosing records that this arm leaves with the effects found with another, `end`, by such
-        parts of the records, or with so many `fewer` of them as do best."""
+    def beside(self, end: State, split: Split, fewer: int = 0) -> tuple[Bench, State]:
+        """This arm with the effects found with another, `end`, by such parts of the records, or with so many `fewer` of them as do
+        best."""
         bench, n = self.bench, self.bench.model.chain.n
         if split.note and not bench.split.note:
             bench = replace(bench, split=split_lines(self.data, split.note))
@@ -139,7 +139,7 @@ class Begun:
         values = end.problem.base
         refits = [replace(part, vector=np.concatenate([arm, part.vector[values:]])) for part in parts for arm in arms]
         hastily = all_fitted(bench, [replace(one, roughly=HASTILY) for one in refits])
-        return excess(bench, fitted(bench, Refit.of(min(hastily, key=lambda state: state.select))))
+        return bench, fitted(bench, Refit.of(min(hastily, key=lambda state: state.select)))
 
     def diagnosed(self, progress: Callable[[str], None] = lambda line: None, gives_way: GivesWay = _never) -> Diagnosis:
         """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm."""
@@ -282,7 +282,8 @@ def _loop(
         added += more
         if bench.late:
             break
-        if _bent(bench, start, state):  # is what was missing the way, or is more missing?
+        # is what was missing the way, or is more missing?
+        if _bent(bench, start, state) and not one_more_does(bench, state, progress):
             state = begun_afresh = afresh(bench, state, progress)
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more

@@ -17,7 +17,8 @@ from ident.campaign_model import model_of_campaign
 from ident.diagnose import Begun, Diagnosis, begin
 from ident.frf import estimate
 from ident.parts import Split
-from ident.refits import NAMED, State, excess
+from ident.refits import CLOSE, NAMED, State, excess
+from ident.rounds import one_more_does
 from symgen.plan import model_of_urdf
 
 #: General links are tried where they leave less than this share of what is left when zeros are believed, beside the same
@@ -69,13 +70,15 @@ def _diagnosed(
     far = not alone and general.alone < FAR * simplest.alone
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
         found = general.diagnosed(progress)
-        if found.left <= NAMED < simplest.left_beside(found.end, found.split):
+        beside = simplest.beside(found.end, found.split)
+        if found.left <= NAMED and excess(*beside) > CLOSE and not one_more_does(*beside, progress):
             return found, notes
     progress(f"the {believed} zeros of the URDF believed")
 
     def gives_way(state: State, split: Split) -> bool:
-        left = excess(replace(simplest.bench, split=split), state)
-        return left > NAMED and not general.bench.late and general.left_beside(state, split) < FAR * left
+        bench = replace(simplest.bench, split=split)
+        far = not bench.late and excess(*general.beside(state, split)) < FAR * excess(bench, state)
+        return far and not one_more_does(bench, state, progress)
 
     simple = simplest.diagnosed(progress, gives_way)
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
@@ -84,7 +87,7 @@ def _diagnosed(
         if found.left <= NAMED and _things(found) <= HALF * _things(simple):  # what needs fewer causes is likelier
             return found, notes
     if not explained and (
-        alone or (not general.bench.late and general.left_beside(simple.end, simple.split) < BETTER * simple.left)
+        alone or (not general.bench.late and excess(*general.beside(simple.end, simple.split)) < BETTER * simple.left)
     ):
         found = general.diagnosed(progress)
         if alone or found.left < BETTER * simple.left:
@@ -97,7 +100,7 @@ def _diagnosed(
 
 
 def _fewer_do(general: Begun, simple: Diagnosis) -> bool:
-    return len(simple.end.effects) > FEWER and general.left_beside(simple.end, simple.split, FEWER) <= NAMED
+    return len(simple.end.effects) > FEWER and excess(*general.beside(simple.end, simple.split, FEWER)) <= NAMED
 
 
 def _things(found: Diagnosis) -> int:

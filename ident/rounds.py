@@ -12,6 +12,7 @@ from ident.alike import names_alike
 from ident.choice import AHEAD, ALIKE, TIE, Tried, best_names, chosen, is_curve, left_by, plainest, rivals, vanished
 from ident.departures import errors
 from ident.effects.base import Effect, Law
+from ident.finer import finer
 from ident.gains import named_gains
 from ident.minima import LEAST_GAIN, fully, since, told
 from ident.naming import of_any_order, plainer
@@ -36,6 +37,7 @@ from ident.refits import (
 )
 from ident.trace import Linearised, port_shares
 from ident.trials import (
+    MUCH,
     ahead,
     at_minimum,
     earned,
@@ -92,6 +94,22 @@ def another(
     if one is not None and (two is None or one[0].select <= two[0].select):
         return one[0], [one[1]]
     return two
+
+
+def one_more_does(bench: Bench, state: State, progress: Callable[[str], None]) -> bool:
+    """Whether one name more leaves hardly anything where there is much: then the model is not far astray, but that is missing."""
+    if bench.late or excess(bench, state) <= CLOSE:
+        return False
+    tried = resting(bench, state, linearised(state.problem, state.minimum.vector), progress)
+    most = min(NAMED + CURVE_SHARE * (excess(bench, state) - NAMED), CLOSE)
+    if best := min(tried, key=left_by, default=None):
+        new = (
+            best[1]
+            if excess(bench, best[1]) <= most or left_by(best) > MUCH * state.select
+            else finer(bench, best[1], progress)
+        )
+        return excess(bench, new) <= most
+    return False
 
 
 def _two(

@@ -165,7 +165,10 @@ def test_what_leaves_a_thousandth_of_what_another_left_is_told_where_it_is_all_t
     assert found.after.all < 1.1 * found.after.noise
 
 
-def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("does", [False, True])
+def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_unless_one_name_more_does(
+    does: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By stand-ins: a model is what it leaves, per degree of freedom."""
     start, bent, straight = (
         SimpleNamespace(select=left, left=left, effects=(SimpleNamespace(name="link-viscous"),))
@@ -173,9 +176,9 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(mo
     )
     asked: list[State] = []
 
-    def another(bench: Bench, state: State, *_: object) -> tuple[State, list[str]]:
+    def another(bench: Bench, state: State, *_: object) -> tuple[State, list[SimpleNamespace]]:
         asked.append(state)
-        return bent, ["added"]
+        return (bent if state is start else straight), [SimpleNamespace(partly=())]
 
     stand_ins = dict.fromkeys(
         ("apart", "exchanged", "pruned"), lambda bench, state, added, progress: (state, added)
@@ -185,13 +188,17 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for(mo
         "_suspect": lambda bench, state: False,
         "_little": lambda bench, start, state: False,
         "another": another,
+        "one_more_does": lambda bench, state, progress: does,
+        "elsewhere": lambda bench, state, effect, progress: state,
+        "explains": lambda *of: True,
         "afresh": lambda bench, state, progress: straight,
     }
     for name, stand_in in stand_ins.items():
         monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
     bench = SimpleNamespace(split=SimpleNamespace(note="by lines"), late=False)
-    assert _loop(bench, start, lambda line: None) == (straight, ["added"])
-    assert asked == [start]
+    added = [SimpleNamespace(partly=())] * (2 if does else 1)
+    assert _loop(bench, start, lambda line: None) == (straight, added)
+    assert asked == ([start, bent] if does else [start])
 
 
 def test_what_is_resumed_by_lines_has_its_links_told_anew_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@ from ident.campaign import Campaign
 from ident.diagnose import begin
 from ident.effects.motor import InputDelay
 from ident.either_model import diagnose_either
+from ident.refits import excess
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -52,7 +53,7 @@ def test_general_links_beside_what_was_found_leave_as_much() -> None:
     found, _ = diagnose_either(campaign(DELAY))
     general = begin(campaign(DELAY), make_model(chain_of_robot(SHORT)), found.responses)
     assert len(general.bench.model.alpha_cad) > len(found.model.alpha_cad)
-    assert general.left_beside(found.end, found.split) == pytest.approx(found.left, rel=0.1)
+    assert excess(*general.beside(found.end, found.split)) == pytest.approx(found.left, rel=0.1)
 
 
 class Left:
@@ -63,6 +64,14 @@ class Left:
     def __init__(self, model: Model, left: float, values: int, off: int = 0) -> None:
         self.model, self.left, self.off, self.split = model, left, [None] * off, None
         self.end = SimpleNamespace(effects=[SimpleNamespace(values=(0.0,) * values)] if values else [])
+
+
+@pytest.fixture(autouse=True)
+def _stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stand-in of a model is what it leaves."""
+    monkeypatch.setattr(
+        ident.either_model, "excess", lambda bench, state: state if isinstance(state, float) else excess(bench, state)
+    )
 
 
 @dataclass(frozen=True)
@@ -107,7 +116,7 @@ def test_what_takes_fewer_numbers_is_taken(
 
         bench = SimpleNamespace(late=False)
         return SimpleNamespace(
-            departs=not alone, alone=9.0, diagnosed=diagnosed, left_beside=lambda *_: beside, bench=bench
+            departs=not alone, alone=9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside), bench=bench
         )
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
@@ -141,28 +150,29 @@ def test_links_that_do_without_two_effects_are_taken(
     """A body that is not symmetric looks like several effects of an arm that is."""
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
-        def left(end: SimpleNamespace, split: None, fewer: int) -> float:
+        def left(end: SimpleNamespace, split: None, fewer: int) -> tuple[None, float]:
             assert fewer == 2
-            return beside
+            return None, beside
 
         found = Left(model, 1.0, 1)
         found.end.effects *= effects if model.factoring.believed else by_general
-        return SimpleNamespace(departs=True, alone=9.0, diagnosed=lambda *_: found, left_beside=left)
+        return SimpleNamespace(departs=True, alone=9.0, diagnosed=lambda *_: found, beside=left)
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
     assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
 
 
 @pytest.mark.parametrize(
-    ("by_general", "beside", "order", "believed"),
+    ("by_general", "beside", "named", "order", "believed"),
     [
-        (1.0, 9.0, [False], False),  # links that are not symmetric beside an effect
-        (1.0, 1.0, [False, True], True),  # the effect does without them
-        (5.0, 9.0, [False, True], True),  # they leave something
+        (1.0, 9.0, False, [False], False),  # links that are not symmetric beside an effect
+        (1.0, 1.0, False, [False, True], True),  # the effect does without them
+        (1.0, 9.0, True, [False, True], True),  # another in their place, as a zero that is off
+        (5.0, 9.0, False, [False, True], True),  # they leave something
     ],
 )
 def test_links_that_leave_far_less_without_effects_come_first(
-    monkeypatch: pytest.MonkeyPatch, by_general: float, beside: float, order: list[bool], believed: bool
+    monkeypatch: pytest.MonkeyPatch, by_general: float, beside: float, named: bool, order: list[bool], believed: bool
 ) -> None:
     runs: list[bool] = []
 
@@ -174,17 +184,21 @@ def test_links_that_leave_far_less_without_effects_come_first(
             return Left(model, 1.0 if zeros else by_general, 1)
 
         return SimpleNamespace(
-            departs=True, alone=90.0 if zeros else 9.0, diagnosed=diagnosed, left_beside=lambda *_: beside
+            departs=True, alone=90.0 if zeros else 9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside)
         )
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
+    monkeypatch.setattr(ident.either_model, "one_more_does", lambda bench, state, progress: named)
     found = diagnose_either(campaign(0.0, 1))[0]
     assert runs == order and bool(found.model.factoring.believed) == believed
 
 
-@pytest.mark.parametrize(("left", "beside", "gives_way"), [(9.0, 1.0, True), (9.0, 5.0, False), (1.0, 0.1, False)])
-def test_what_general_links_explain_far_better_is_theirs(
-    monkeypatch: pytest.MonkeyPatch, left: float, beside: float, gives_way: bool
+@pytest.mark.parametrize(
+    ("left", "beside", "named", "gives_way"),
+    [(9.0, 1.0, False, True), (9.0, 5.0, False, False), (9.0, 1.0, True, False)],
+)
+def test_what_general_links_explain_far_better_and_no_name_is_theirs(
+    monkeypatch: pytest.MonkeyPatch, left: float, beside: float, named: bool, gives_way: bool
 ) -> None:
     asked: list[bool] = []
 
@@ -195,10 +209,12 @@ def test_what_general_links_explain_far_better_is_theirs(
             return Left(model, 1.0, 1)
 
         bench = Parts(None, False)
-        return SimpleNamespace(departs=True, alone=9.0, diagnosed=diagnosed, left_beside=lambda *_: beside, bench=bench)
+        return SimpleNamespace(
+            departs=True, alone=9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside), bench=bench
+        )
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
-    monkeypatch.setattr(ident.either_model, "excess", lambda bench, state: state)
+    monkeypatch.setattr(ident.either_model, "one_more_does", lambda bench, state, progress: named)
     diagnose_either(campaign(0.0, 1))
     assert asked == [gives_way]
 
@@ -211,7 +227,7 @@ def test_a_search_that_was_ended_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
         found = Left(model, 5.0, 1)
         found.status = "unexplained"
         bench = SimpleNamespace(late=True)
-        return SimpleNamespace(departs=True, alone=9.0, diagnosed=lambda *_: found, left_beside=None, bench=bench)
+        return SimpleNamespace(departs=True, alone=9.0, diagnosed=lambda *_: found, beside=None, bench=bench)
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
     _, notes = diagnose_either(campaign(0.0, 1), seconds=0.0)

@@ -25,7 +25,7 @@ from ident.frf import estimate
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
 from ident.refits import Bench, State, excess, linearised
-from ident.rounds import _best, _gaining, _two
+from ident.rounds import _best, _gaining, _two, one_more_does
 from ident.trials import giving
 from ident.tried import again, refitted
 from symgen.plan import chain_of_robot, plan_of_robot
@@ -66,6 +66,20 @@ def test_what_explained_something_before_is_tried_again_as_it_was(begun: Begun) 
     assert [e.name for e in state.effects] == [SCALE, RINGS] and candidate.effect is rings.effects[-1]
     assert excess(begun.bench, state) < 1.1 < excess(begun.bench, scaled)
     assert len(said) == 1 and not again(begun.bench, state, [rings], said.append)
+
+
+@pytest.mark.parametrize(
+    ("left", "best", "does"),
+    [(4.5, 1.2, True), (4.5, 1.5, False), (200.0, 2.9, True), (200.0, 5.0, False), (2.5, 0.9, False)],
+)
+def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
+    left: float, best: float, does: bool, begun: Begun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a little any name may leave nothing."""
+    new = alone(begun, RINGS)
+    monkeypatch.setattr(ident.rounds, "excess", lambda bench, state: best if state is new[1] else left)
+    monkeypatch.setattr(ident.rounds, "resting", lambda *of: [new])
+    assert one_more_does(begun.bench, begun.start, lambda line: None) == does
 
 
 def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:
