@@ -102,14 +102,10 @@ def one_more_does(bench: Bench, state: State, progress: Callable[[str], None]) -
         return False
     tried = resting(bench, state, linearised(state.problem, state.minimum.vector), progress)
     most = min(NAMED + CURVE_SHARE * (excess(bench, state) - NAMED), CLOSE)
-    if best := min(tried, key=left_by, default=None):
-        new = (
-            best[1]
-            if excess(bench, best[1]) <= most or left_by(best) > MUCH * state.select
-            else finer(bench, best[1], progress)
-        )
-        return excess(bench, new) <= most
-    return False
+    best = min(tried, key=left_by, default=None)
+    if best is None or left_by(best) > MUCH * state.select:
+        return False
+    return excess(bench, best[1]) <= most or excess(bench, finer(bench, best[1], progress)) <= most
 
 
 def _two(
