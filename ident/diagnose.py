@@ -60,6 +60,8 @@ MUCH = 0.3
 #: Degrees of freedom by which effects are looked for where no group of lines departs, and what one must promise: so much, and
 #: this share of them. Where nothing is missing it has been 114 of the 250 at most.
 LOOKED_AT, SURE, SURE_SHARE = 20_000, 150.0, 0.005
+#: Noise powers from which effects are looked for so beside those that were found, too.
+DOUBTED = 1.0
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured.
 LEFT = 0.03
 #: Said where the parts are of lines.
@@ -268,7 +270,7 @@ def _loop(
         bench = unbent(bench, state, progress)
     for _ in range(MOST_EFFECTS):
         little = bool(added) and _little(bench, start, state)
-        departs = _departs(bench, state) or (not added and _suspect(bench, state))
+        departs = _departs(bench, state) or ((not added or excess(bench, state) > DOUBTED) and _suspect(bench, state))
         if not departs or (little and excess(bench, state) <= NAMED) or bench.late:
             break
         if added and gives_way(state, bench.split):

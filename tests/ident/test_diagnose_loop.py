@@ -201,6 +201,26 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
     assert asked == ([start, bent] if does else [start])
 
 
+@pytest.mark.parametrize(("left", "asked"), [(1.03, True), (0.93, False)])
+def test_what_hardly_leaves_noise_is_looked_for_beside_what_was_found_too(
+    left: float, asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = SimpleNamespace(select=left, effects=())
+    suspected: list[bool] = []
+    stand_ins = {
+        "excess": lambda bench, state: state.select,
+        "degrees": lambda data: 1,
+        "_departs": lambda bench, state: False,
+        "_suspect": lambda bench, state: suspected.append(True),
+        "links_anew": lambda bench, state, progress: state,
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    bench = SimpleNamespace(split=SimpleNamespace(note="by lines", select=()), late=False)
+    _loop(bench, SimpleNamespace(select=9.0), lambda line: None, (found, ["added"]))
+    assert suspected == [True] * asked
+
+
 def test_what_is_resumed_by_lines_has_its_links_told_anew_first(monkeypatch: pytest.MonkeyPatch) -> None:
     start, found, mended = (SimpleNamespace(select=left, left=left, effects=()) for left in (9.0, 5.0, 1.0))
     stand_ins = {
