@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from math import inf
 
 from ident.campaign import Campaign
@@ -67,9 +68,10 @@ def _diagnosed(
     believed = len(symmetric.factoring.believed)
     simplest = begin(campaign, symmetric, responses, workers, until)
     alone = not general.departs
+    by_general = cache(lambda: general.diagnosed(progress))
     far = not alone and general.alone < FAR * simplest.alone
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
-        found = general.diagnosed(progress)
+        found = by_general()
         beside = simplest.beside(found.end, found.split)
         if found.left <= NAMED and excess(*beside) > CLOSE and not one_more_does(*beside, progress):
             return found, notes
@@ -83,13 +85,13 @@ def _diagnosed(
     simple = simplest.diagnosed(progress, gives_way)
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
     if not far and explained and _things(simple) > 1 and (alone or _fewer_do(general, simple)):
-        found = general.diagnosed(progress)
+        found = by_general()
         if found.left <= NAMED and _things(found) <= HALF * _things(simple):  # what needs fewer causes is likelier
             return found, notes
     if not explained and (
         alone or (not general.bench.late and excess(*general.beside(simple.end, simple.split)) < BETTER * simple.left)
     ):
-        found = general.diagnosed(progress)
+        found = by_general()
         if alone or found.left < BETTER * simple.left:
             return found, notes
     note = (
