@@ -15,6 +15,8 @@ from ident.refits import CLOSE, FINELY, NAMED, Bench, State, excess
 LEAST_SHARE = 0.2
 #: A learned curve takes a name's place where it leaves less than this share of what the name leaves.
 CURVE_RATIO = 0.3
+#: A learned curve needs this share of all that was in excess to be added, or to leave hardly anything where much was left.
+CURVE_SHARE = 0.05
 #: Effects whose chi^2 on the choosing records differ by less than this, or by this share of what both leave, are not told apart.
 TIE, ALIKE = 12.0, 0.05
 #: Share of what any other candidate leaves that one leaves which is far ahead; of what there was, that an effect has to leave less of

@@ -18,6 +18,7 @@ from ident.added import Added, exchanged, pruned, renamed, was_named
 from ident.apart import apart
 from ident.campaign import Campaign
 from ident.candidates import surest
+from ident.choice import Tried
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, departures, errors, groups
@@ -27,6 +28,7 @@ from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
 from ident.minima import afresh, elsewhere, links_anew, settled, winds_up
+from ident.one_more import one_more
 from ident.parts import Split, degrees, few_lines, sampled, split, split_lines
 from ident.refits import (
     CLOSE,
@@ -45,7 +47,7 @@ from ident.refits import (
     same,
     some,
 )
-from ident.rounds import another, one_more_does
+from ident.rounds import another
 from ident.trials import BENT, ENOUGH, explains
 from ident.unbent import unbent
 from symgen.plan import Model
@@ -268,16 +270,17 @@ def _loop(
     state = begun_afresh = links_anew(bench, state, progress) if added else state
     if not added and excess(bench, state) > BENT:
         bench = unbent(bench, state, progress)
+    missing: Sequence[Tried] = ()
     for _ in range(MOST_EFFECTS):
         little = bool(added) and _little(bench, start, state)
         departs = _departs(bench, state) or ((not added or excess(bench, state) > DOUBTED) and _suspect(bench, state))
         if not departs or (little and excess(bench, state) <= NAMED) or bench.late:
             break
-        if added and gives_way(state, bench.split):
+        if added and not missing and gives_way(state, bench.split):
             break
         bends = not bench.split.note and _may_bend(bench, start, state)  # then it is tried by lines next
         partly = [one for entry in reversed(added) for one in entry.partly]
-        step = another(bench, state, start.select, progress, little, bends, partly)
+        step = another(bench, state, start.select, progress, little, bends, partly, missing)
         if step is None:
             break
         state, more = step
@@ -285,7 +288,9 @@ def _loop(
         if bench.late:
             break
         # is what was missing the way, or is more missing?
-        if _bent(bench, start, state) and not one_more_does(bench, state, progress):
+        now = state
+        missing = one_more(bench, state, progress) if _bent(bench, start, state) else []
+        if _bent(bench, start, state) and not missing:
             state = begun_afresh = afresh(bench, state, progress)
         if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
@@ -294,6 +299,7 @@ def _loop(
         state, added = pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:
             state, added = renamed(bench, state, curve, added, start.select, progress)
+        missing = missing if state is now else []
     if added and state is not begun_afresh and not bench.late and _bent(bench, start, state):
         state = afresh(bench, state, progress)
     for effect in state.effects[:-1]:  # found while others were missing

@@ -17,9 +17,9 @@ from ident.campaign import Campaign
 from ident.campaign_model import model_of_campaign
 from ident.diagnose import Begun, Diagnosis, begin
 from ident.frf import estimate
+from ident.one_more import one_more
 from ident.parts import Split
 from ident.refits import CLOSE, NAMED, State, excess
-from ident.rounds import one_more_does
 from symgen.plan import model_of_urdf
 
 #: General links are tried where they leave less than this share of what is left when zeros are believed, beside the same
@@ -73,14 +73,14 @@ def _diagnosed(
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
         found = by_general()
         beside = simplest.beside(found.end, found.split)
-        if found.left <= NAMED and excess(*beside) > CLOSE and not one_more_does(*beside, progress):
+        if found.left <= NAMED and excess(*beside) > CLOSE and not one_more(*beside, progress):
             return found, notes
     progress(f"the {believed} zeros of the URDF believed")
 
     def gives_way(state: State, split: Split) -> bool:
         bench = replace(simplest.bench, split=split)
         far = not bench.late and excess(*general.beside(state, split)) < FAR * excess(bench, state)
-        return far and not one_more_does(bench, state, progress)
+        return far and not one_more(bench, state, progress)
 
     simple = simplest.diagnosed(progress, gives_way)
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ident.added import Added
 from ident.alike import names_alike
-from ident.choice import AHEAD, ALIKE, TIE, Tried, best_names, chosen, is_curve, left_by, plainest, rivals, vanished
+from ident.choice import (
+    AHEAD,
+    ALIKE,
+    CURVE_SHARE,
+    TIE,
+    Tried,
+    best_names,
+    chosen,
+    is_curve,
+    left_by,
+    plainest,
+    rivals,
+    vanished,
+)
 from ident.departures import errors
 from ident.effects.base import Effect, Law
-from ident.finer import finer
 from ident.gains import named_gains
 from ident.minima import LEAST_GAIN, fully, since, told
 from ident.naming import of_any_order, plainer
+from ident.one_more import leading_to_one_more
 from ident.parts import degrees, sampled
 from ident.refits import (
     BY_ALL,
@@ -37,13 +50,13 @@ from ident.refits import (
 )
 from ident.trace import Linearised, port_shares
 from ident.trials import (
-    MUCH,
     ahead,
     at_minimum,
     earned,
     explains,
     giving,
     hasty,
+    likely_names,
     outshines,
     polished,
     resting,
@@ -58,8 +71,6 @@ HARDLY_MORE = 2.0
 #: Most effects with each of which a second one is looked for, where none does alone; share of chi^2 on the fitting records that
 #: one of these leaves at most.
 LEADERS, LEADS = 2, 0.8
-#: A learned curve needs this share of all that was in excess to be added, or to leave hardly anything where much was left.
-CURVE_SHARE = 0.05
 
 
 def another(
@@ -70,13 +81,27 @@ def another(
     little: bool,
     bends: bool = False,
     partly: Sequence[State] = (),
+    missing: Sequence[Tried] = (),
 ) -> tuple[State, list[Added]] | None:
     """The model with one effect more, if any earns it, or two that do together; `first` is chi^2 on the choosing records before any was
     added. Where `little` is left, only of those that promise most of it. Where the records that fit may let the model bend, `bends`,
     no two, and none if all leave more at first than there was. What explained something `partly` before others were added is tried as it
-    was then, too: what these missed may have bent the arm."""
+    was then, too: what these missed may have bent the arm. Of names that were tried one may do that is `missing`."""
     lin = linearised(state.problem, state.minimum.vector)
-    best, tried = _best(bench, state, lin, first, progress, little, bends, partly)
+    tried: list[Tried] = list(missing)
+    further: Iterable[list[Tried]] = ()
+    if not _whole(bench, missing):
+        tried += again(bench, state, partly, progress) if excess(bench, state) > CLOSE else []
+        if little or _whole(bench, tried):
+            further = [resting(bench, state, lin, progress)]
+        else:
+            likely = likely_names(bench, state, lin, progress)
+            lead = None if bends else leading_to_one_more(bench, state, likely, progress)
+            two = None if lead is None else _with_second(bench, state, *lead, likely, lin, first, progress)
+            if two is not None:
+                return two
+            further = hasty(bench, state, lin, first, likely, progress)
+    best, tried = _best(bench, state, lin, first, progress, tried, further, little, bends)
     one = _entered(bench, state, best, tried, lin, first)
     names = None if best is None else named_gains(bench, best[1], progress)
     if names is not None and earned(bench, state, names, first):
@@ -96,40 +121,46 @@ def another(
     return two
 
 
-def one_more_does(bench: Bench, state: State, progress: Callable[[str], None]) -> bool:
-    """Whether one name more leaves hardly anything where there is much: then the model is not far astray, but that is missing."""
-    if bench.late or excess(bench, state) <= CLOSE:
-        return False
-    tried = resting(bench, state, linearised(state.problem, state.minimum.vector), progress)
-    most = min(NAMED + CURVE_SHARE * (excess(bench, state) - NAMED), CLOSE)
-    best = min(tried, key=left_by, default=None)
-    if best is None or left_by(best) > MUCH * state.select:
-        return False
-    return excess(bench, best[1]) <= most or excess(bench, finer(bench, best[1], progress)) <= most
-
-
 def _two(
     bench: Bench, state: State, tried: Sequence[Tried], lin: Linearised, first: float, progress: Callable[[str], None]
 ) -> tuple[State, list[Added]] | None:
     """The model with two effects more, the first one of those that, of all that were tried, explain most of the records that fit:
-    what is missing besides may bend the others. With the second alone if that does without the first, which led to it."""
+    what is missing besides may bend the others."""
     for _, lead in best_names(tried, by=lambda one: one[1].minimum.chi2)[:LEADERS]:
         if lead.minimum.chi2 > LEADS * state.minimum.chi2:
             break
         progress(f"  none alone; with {told(lead.effects[-1])}:")
-        there = linearised(lead.problem, lead.minimum.vector)
-        best, more = _best(bench, lead, there, first, progress, False)
-        second = _entered(bench, lead, best, more, there, first)
-        if second is None or not earned(bench, state, second[0], first):
-            continue
-        new, entry = second
-        alone = without(bench, new, lead.effects[-1])
-        if earned(bench, alone, new, first):
-            gain, found = alone.select - new.select, new.effects[-2]
-            return new, [_entry(bench, state, lead, gain, tried, lin, found), entry]
-        if earned(bench, state, alone, first):
-            return alone, [_entry(bench, state, alone, state.select - alone.select, more, there, alone.effects[-1])]
+        both = _with_second(bench, state, lead, (), tried, lin, first, progress)
+        if both is not None:
+            return both
     return None
+
+
+def _with_second(
+    bench: Bench, state: State, lead: State, missing: Sequence[Tried], tried: Sequence[Tried], lin: Linearised, first: float,
+    progress: Callable[[str], None],
+) -> tuple[State, list[Added]] | None:  # fmt: skip
+    """The model with the last effect of `lead`, one of those `tried` beyond `state`, and a second one, that which is `missing` if it was
+    found; with the second alone if that does without the first, which led to it."""
+    there = linearised(lead.problem, lead.minimum.vector)
+    further = () if missing else hasty(bench, lead, there, first, likely_names(bench, lead, there, progress), progress)
+    best, more = _best(bench, lead, there, first, progress, list(missing), further)
+    second = _entered(bench, lead, best, more, there, first)
+    if second is None or not earned(bench, state, second[0], first):
+        return None
+    new, entry = second
+    alone = without(bench, new, lead.effects[-1])
+    if earned(bench, alone, new, first):
+        gain, found = alone.select - new.select, new.effects[-2]
+        return new, [_entry(bench, state, lead, gain, tried, lin, found), entry]
+    if earned(bench, state, alone, first):
+        return alone, [_entry(bench, state, alone, state.select - alone.select, more, there, alone.effects[-1])]
+    return None
+
+
+def _whole(bench: Bench, tried: Sequence[Tried]) -> bool:
+    """Whether one of those that were tried leaves nothing."""
+    return any(excess(bench, new) <= NAMED for _, new in tried)
 
 
 def _entered(
@@ -191,15 +222,14 @@ def _best(
     lin: Linearised,
     first: float,
     progress: Callable[[str], None],
-    little: bool,
+    tried: list[Tried],
+    further: Iterable[list[Tried]],
+    little: bool = False,
     bends: bool = False,
-    partly: Sequence[State] = (),
 ) -> tuple[Tried | None, list[Tried]]:
-    """The candidate to be chosen beyond `state`, at its minimum, and all that were tried; as in `another`."""
-    tried = again(bench, state, partly, progress) if excess(bench, state) > CLOSE else []
+    """The candidate to be chosen beyond `state`, at its minimum, and all that were `tried` and `further`; as in `another`."""
     leader: Tried | None = None
-    few = little or any(excess(bench, new) <= NAMED for _, new in tried)
-    for more in [resting(bench, state, lin, progress)] if few else hasty(bench, state, lin, first, progress):
+    for more in further:
         tried += more
         if bench.late:
             return chosen(bench, tried, state.select), tried

@@ -27,6 +27,7 @@ from ident.effects.catalogue import CATALOGUE
 from ident.effects.structure import LockedJointElasticity
 from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
 from ident.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
+from ident.one_more import beyond_noise
 from ident.parts import degrees
 from ident.refits import (
     CLOSE,
@@ -98,18 +99,25 @@ def promising(bench: Bench, likely: Sequence[Candidate], fall: float) -> list[Ca
     return [c for c in likely if c.gain > least]
 
 
+def likely_names(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+    """The likeliest names beyond `state`, linearised in `lin`, hastily refitted; from the declared arm where the fit is very far off."""
+    if excess(bench, state) > FAR:
+        return leader_finely(bench, _from_declared(bench, state, None, progress), progress)
+    return _from_fitted(bench, state, lin, progress)
+
+
 def hasty(
-    bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None]
+    bench: Bench, state: State, lin: Linearised, first: float, names: list[Tried], progress: Callable[[str], None]
 ) -> Iterator[list[Tried]]:
-    """The likeliest candidates beyond `state`, linearised in `lin`, hastily refitted, in parts of which the first may do; `first`
-    as in `explains`.
+    """The candidates beyond `state`, linearised in `lin`, hastily refitted, in parts of which the first may do: the likely `names`, and
+    others; `first` as in `explains`.
 
     The first effect is looked for from the declared arm, too: a fit that is far off bends everything else, shapes of an
     impedance at any rate. Where it is far so are later effects, unless a name explains the records already; where it is very far that
     comes first.
     """
     if excess(bench, state) > FAR:
-        declared = leader_finely(bench, _from_declared(bench, state, None, progress), progress)
+        declared = names
         yield declared
         named = best_names(declared)
         if _explaining(bench, declared, first) is None:
@@ -117,14 +125,15 @@ def hasty(
             if much or (not state.effects and law_leads(declared, first)):
                 yield _drawn(bench, state, lin, progress)
             else:
-                yield _from_fitted(bench, state, lin, first, progress)
+                tried = _from_fitted(bench, state, lin, progress)
+                yield _and_curves(bench, state, lin, tried, first, progress)
     elif state.effects or excess(bench, state) > BENT:
-        tried = _from_fitted(bench, state, lin, first, progress)
+        tried = _and_curves(bench, state, lin, names, first, progress)
         yield tried
         if excess(bench, state) > BENT and _explaining(bench, tried, first) is None:
             yield leader_finely(bench, _from_declared(bench, state, None, progress), progress)
     else:
-        tried = _from_fitted(bench, state, lin, first, progress)
+        tried = _and_curves(bench, state, lin, names, first, progress)
         if not (drawn_whole(bench, tried) or hardly_bent(bench, state, tried)):
             if _explaining(bench, tried, first) is None:
                 tried += _bending(bench, state, lin, progress)
@@ -145,22 +154,14 @@ def resting(bench: Bench, state: State, lin: Linearised, progress: Callable[[str
     return refitted(bench, state, [(c, lin) for c in likely], progress)
 
 
-def beyond_noise(state: State, lin: Linearised) -> float:
-    """chi^2 beyond noise on the records that fit."""
-    return max(lin.chi2 - degrees(state.problem.data), 1.0)
-
-
 def _explaining(bench: Bench, tried: Sequence[Tried], first: float) -> Effect | None:
     """The effect of the best name, if it explains the records."""
     name = min((one for one in tried if not is_curve(one)), key=left_by, default=None)
     return None if name is None or not explains(bench, name[1], first, CLOSE**2) else name[0].effect
 
 
-def _from_fitted(
-    bench: Bench, state: State, lin: Linearised, first: float, progress: Callable[[str], None]
-) -> list[Tried]:
-    """The likeliest names beyond a model, and the likeliest curves where no name explains the records: beside dry friction, which leaves
-    a little until a model is chosen, as `explains` has it."""
+def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+    """The likeliest names beyond a model."""
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
     likely = catalogue(lin, state.effects, bench.workers)[:most]
     if excess(bench, state) <= CLOSE:
@@ -175,7 +176,15 @@ def _from_fitted(
         likely += balanced(lin, state.effects)
     tried = as_it_creeps(bench, refitted(bench, state, [(c, lin) for c in likely], progress), CLOSE**2, progress)
     tried += _ringing(bench, state, lin, tried, progress)
-    tried = _nearest_finely(bench, tried, progress)
+    return _nearest_finely(bench, tried, progress)
+
+
+def _and_curves(
+    bench: Bench, state: State, lin: Linearised, names: list[Tried], first: float, progress: Callable[[str], None]
+) -> list[Tried]:
+    """The `names` tried beyond a model, and the likeliest curves where none of them explains the records: beside dry friction, which
+    leaves a little until a model is chosen, as `explains` has it."""
+    tried = list(names)
     if excess(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
         tried += _besides(bench, state, lin, progress)
     rubs = any(effect.dry for effect in state.effects)

@@ -188,7 +188,7 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
         "_suspect": lambda bench, state: False,
         "_little": lambda bench, start, state: False,
         "another": another,
-        "one_more_does": lambda bench, state, progress: does,
+        "one_more": lambda bench, state, progress: ["name"] * does,
         "elsewhere": lambda bench, state, effect, progress: state,
         "explains": lambda *of: True,
         "afresh": lambda bench, state, progress: straight,

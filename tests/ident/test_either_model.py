@@ -188,7 +188,7 @@ def test_links_that_leave_far_less_without_effects_come_first(
         )
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
-    monkeypatch.setattr(ident.either_model, "one_more_does", lambda bench, state, progress: named)
+    monkeypatch.setattr(ident.either_model, "one_more", lambda bench, state, progress: named)
     found = diagnose_either(campaign(0.0, 1))[0]
     assert runs == order and bool(found.model.factoring.believed) == believed
 
@@ -214,7 +214,7 @@ def test_what_general_links_explain_far_better_and_no_name_is_theirs(
         )
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
-    monkeypatch.setattr(ident.either_model, "one_more_does", lambda bench, state, progress: named)
+    monkeypatch.setattr(ident.either_model, "one_more", lambda bench, state, progress: named)
     diagnose_either(campaign(0.0, 1))
     assert asked == [gives_way]
 

@@ -25,7 +25,7 @@ from ident.frf import estimate
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
 from ident.refits import Bench, State, excess, linearised
-from ident.rounds import _best, _gaining, _two, one_more_does
+from ident.rounds import _best, _gaining, _two
 from ident.trials import giving
 from ident.tried import again, refitted
 from symgen.plan import chain_of_robot, plan_of_robot
@@ -68,20 +68,6 @@ def test_what_explained_something_before_is_tried_again_as_it_was(begun: Begun) 
     assert len(said) == 1 and not again(begun.bench, state, [rings], said.append)
 
 
-@pytest.mark.parametrize(
-    ("left", "best", "does"),
-    [(4.5, 1.2, True), (4.5, 1.5, False), (200.0, 2.9, True), (200.0, 5.0, False), (2.5, 0.9, False)],
-)
-def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
-    left: float, best: float, does: bool, begun: Begun, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of a little any name may leave nothing."""
-    new = alone(begun, RINGS)
-    monkeypatch.setattr(ident.rounds, "excess", lambda bench, state: best if state is new[1] else left)
-    monkeypatch.setattr(ident.rounds, "resting", lambda *of: [new])
-    assert one_more_does(begun.bench, begun.start, lambda line: None) == does
-
-
 def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:
     bench, start = begun.bench, begun.start
     lead = alone(begun, RINGS)
@@ -117,10 +103,11 @@ def test_nothing_is_pursued_that_leaves_more_where_records_that_fit_let_the_arm_
 ) -> None:
     candidate, state = alone(begun, RINGS)
     tried = [(candidate, replace(state, select=2.0 * begun.start.select))]
-    monkeypatch.setattr(ident.rounds, "hasty", lambda *of: iter([tried]))
     monkeypatch.setattr(ident.rounds, "polished", lambda *of: pytest.fail("pursued"))
-    lin = linearised(begun.start.problem, begun.start.minimum.vector)
-    assert _best(begun.bench, begun.start, lin, begun.start.select, lambda line: None, False, True) == (None, tried)
+    start = begun.start
+    lin = linearised(start.problem, start.minimum.vector)
+    found = _best(begun.bench, start, lin, start.select, lambda line: None, [], [tried], bends=True)
+    assert found == (None, tried)
 
 
 @pytest.mark.parametrize(("gain", "pursued"), [(2.0 * LEAST_GAIN, True), (0.5 * LEAST_GAIN, False)])
@@ -194,11 +181,11 @@ def test_a_curve_is_taken_only_where_no_name_does_as_well_at_its_minimum(
     named = candidate, replace(state, select=1000.0 * dof)
     drawn = Candidate(curve, 0.0, (1.0, 1.0)), replace(state, effects=(curve,), select=0.99 * dof)
     tried = [named, drawn]
-    monkeypatch.setattr(ident.rounds, "hasty", lambda *of: iter([tried]))
     monkeypatch.setattr(ident.rounds, "polished", lambda bench, tried, first, progress: tried)
     monkeypatch.setattr(
         ident.rounds, "fully", lambda bench, s: s if s is drawn[1] else replace(s, select=at_minimum * dof)
     )
     lin = linearised(begun.start.problem, begun.start.minimum.vector)
-    best, _ = _best(bench, replace(begun.start, select=5000.0 * dof), lin, 5000.0 * dof, lambda line: None, False)
+    much = 5000.0 * dof
+    best, _ = _best(bench, replace(begun.start, select=much), lin, much, lambda line: None, [], [tried])
     assert best is not None and best[0].effect.name == name

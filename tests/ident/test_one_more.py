@@ -1,0 +1,86 @@
+"""One name more that does, by stand-ins: a model is what it leaves."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+import ident.one_more
+from ident.one_more import leading_to_one_more, one_more
+
+LEFT = 200.0
+
+
+def name(joint: int | None, gain: float, left: float, changes: bool = False) -> tuple[SimpleNamespace, SimpleNamespace]:
+    effect, port = SimpleNamespace(name="damping", joint=joint, port="link", changes=changes), "link"
+    candidate = SimpleNamespace(effect=effect, gain=gain, key=(joint, port))
+    return candidate, SimpleNamespace(
+        select=left, effects=(effect,), problem=None, minimum=SimpleNamespace(vector=None)
+    )
+
+
+@pytest.fixture
+def beyond(monkeypatch: pytest.MonkeyPatch) -> list[tuple[SimpleNamespace, SimpleNamespace]]:
+    """The names that promise anything beyond a model, as they are once refitted; finely they leave half as much."""
+    names: list[tuple[SimpleNamespace, SimpleNamespace]] = []
+    state_of = {"finer": lambda bench, s, progress: SimpleNamespace(**(vars(s) | {"select": s.select / 2}))}
+    stand_ins = state_of | {
+        "excess": lambda bench, state: state.select,
+        "only_shares": lambda effect: effect.changes,
+        "linearised": lambda problem, vector: SimpleNamespace(chi2=LEFT),
+        "beyond_noise": lambda state, lin: lin.chi2,
+        "catalogue": lambda lin, effects, workers: [candidate for candidate, _ in names],
+        "refitted": lambda bench, state, short, progress: [
+            one for one in names if any(one[0] is candidate for candidate, _ in short)
+        ],
+    }
+    for key, stand_in in stand_ins.items():
+        monkeypatch.setattr(ident.one_more, key, stand_in)
+    return names
+
+
+BENCH = SimpleNamespace(late=False, workers=1)
+
+
+@pytest.mark.parametrize(
+    ("left", "best", "does"),
+    [(4.5, 1.2, True), (4.5, 2.6, False), (200.0, 2.9, True), (200.0, 7.0, False), (2.5, 0.9, False)],
+)
+def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
+    left: float, best: float, does: bool, beyond: list[tuple[SimpleNamespace, SimpleNamespace]]
+) -> None:
+    """Of a little any name may leave nothing."""
+    beyond += [name(0, 90.0, 150.0), name(1, 80.0, best)]
+    tried = one_more(BENCH, name(2, 0.0, left)[1], lambda line: None)
+    assert bool(tried) == does
+
+
+@pytest.mark.parametrize(
+    ("lead", "other", "second", "found"),
+    [
+        (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(2, 90.0, 0.9), True),
+        (name(1, 9.0, 50.0), name(2, 8.0, 55.0), name(2, 90.0, 0.9), False),  # another leaves as little
+        (name(1, 9.0, 50.0), name(1, 8.0, 55.0), name(2, 90.0, 0.9), True),  # of the same place
+        (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(1, 90.0, 0.9), False),  # it may be of one law that has no name
+        (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(None, 90.0, 0.9), False),
+        (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(1, 90.0, 0.9, changes=True), True),
+        (name(None, 9.0, 50.0), name(2, 8.0, 150.0), name(2, 90.0, 0.9), False),
+        (name(1, 9.0, 150.0), name(2, 8.0, 199.0), name(2, 90.0, 0.9), False),  # most is left
+        (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(2, 90.0, 2.6), False),  # something is left beside both
+        (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(2, 19.0, 0.9), False),  # hardly promised
+    ],
+)
+def test_a_name_leads_to_another_that_leaves_nothing(
+    lead: tuple[SimpleNamespace, SimpleNamespace],
+    other: tuple[SimpleNamespace, SimpleNamespace],
+    second: tuple[SimpleNamespace, SimpleNamespace],
+    found: bool,
+    beyond: list[tuple[SimpleNamespace, SimpleNamespace]],
+) -> None:
+    beyond.append(second)
+    start = name(None, 0.0, LEFT)[1]
+    both = leading_to_one_more(BENCH, start, [other, lead], lambda line: None)
+    assert (both is not None) == found
+    if both is not None:
+        assert both[0].effects == lead[1].effects and both[1] == [second]
