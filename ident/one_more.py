@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ident.candidates import catalogue
-from ident.choice import CURVE_SHARE, Tried, best_names, left_by
-from ident.effects.base import Effect, only_shares
+from ident.choice import CURVE_SHARE, Tried, is_curve, left_by
+from ident.effects.base import Effect, only_gains, only_shares
 from ident.finer import finer
 from ident.parts import degrees
-from ident.refits import BY_ALL, CLOSE, NAMED, Bench, State, excess, linearised
+from ident.refits import CLOSE, NAMED, Bench, State, excess, linearised
 from ident.trace import Linearised
 from ident.tried import refitted
 
-#: Names tried, and share of what is left that each must promise; share of it that the best may leave.
+#: Names tried, and share of what is left that each must promise, and that the best may leave beyond noise.
 TRIED, PROMISED, MUCH = 3, 0.1, 0.3
 #: Times what the best leaves that another may leave to be fitted finely, too.
 NEAR = 2.0
-#: Share of what there was that a name may leave beside which another one does, and of what names of other places leave.
-HALF, LEADS = 0.5, 0.8
+#: Share of what there was that a name may leave beside which another one does; of what that leaves beyond noise, that both may leave.
+LEAVES, HARDLY = 0.7, 0.1
 
 
 def beyond_noise(state: State, lin: Linearised) -> float:
@@ -38,29 +38,28 @@ def one_more(bench: Bench, state: State, progress: Callable[[str], None]) -> lis
 def leading_to_one_more(
     bench: Bench, state: State, tried: Sequence[Tried], progress: Callable[[str], None]
 ) -> tuple[State, list[Tried]] | None:
-    """The model with the best of the names `tried` beyond `state`, if it leads and one more leaves nothing but noise; and the names tried
-    beyond that. What has no name acts at one joint and from the first record to the last: the two do not take its place if they are of
-    different joints, or one of them alone changes from record to record."""
-    order = best_names(tried)
-    if bench.late or not order or excess(bench, state) <= BY_ALL:
+    """The model with the best of the names `tried` beyond `state`, if it explains some and one more leaves nothing but noise; and the
+    names tried beyond that. Not two that may take the place of one law that has no name."""
+    candidate, best = min((one for one in tried if not is_curve(one)), key=left_by, default=(None, state))
+    if candidate is None or candidate.effect.joint is None or bench.late or excess(bench, state) <= CLOSE:
         return None
-    (candidate, best), place = order[0], _place(order[0][0].effect)
-    others = [left_by(one) for one in order[1:] if _place(one[0].effect) != place]
-    leads = left_by(order[0]) < min([HALF * state.select, *(LEADS * left for left in others)])
-    if not leads or candidate.effect.joint is None or excess(bench, best) <= CLOSE:
+    if not NAMED < excess(bench, best) < LEAVES * excess(bench, state):
         return None
-
-    def no_one_law(effect: Effect) -> bool:
-        elsewhere = effect.joint not in (None, candidate.effect.joint)
-        return elsewhere or only_shares(effect) != only_shares(candidate.effect)
-
     lead = finer(bench, best, progress)
-    more = _one_more(bench, lead, NAMED, no_one_law, progress)
+    most = min(1.0 + HARDLY * (excess(bench, lead) - 1.0), NAMED)
+    more = _one_more(bench, lead, most, lambda effect: _of_two_causes(candidate.effect, effect), progress)
     return (lead, more) if more else None
 
 
-def _place(effect: Effect) -> tuple[str, int | None]:
-    return effect.port, effect.joint
+def _of_two_causes(one: Effect, other: Effect) -> bool:
+    """Whether no law that has no name is both effects: such a law acts at one joint and one port from the first record to the last. What
+    delays a torque and what delays an angle do nearly the same."""
+    if None not in (one.joint, other.joint) and one.joint != other.joint:
+        return True
+    if only_shares(one) != only_shares(other):
+        return True
+    both_gains = only_gains(one) and only_gains(other)
+    return not both_gains and (one.port == "sensor") != (other.port == "sensor")
 
 
 def _one_more(
@@ -73,9 +72,9 @@ def _one_more(
     likely = [c for c in names[:TRIED] if c.gain > PROMISED * left and wanted(c.effect)]
     tried = refitted(bench, state, [(c, lin) for c in likely], progress)
     best = min(tried, key=left_by, default=None)
-    if best is None or left_by(best) > MUCH * state.select:
+    if best is None or excess(bench, best[1]) - 1.0 > MUCH * (excess(bench, state) - 1.0):
         return []
-    if excess(bench, best[1]) > NAMED:
+    if excess(bench, best[1]) > min(most, NAMED):
         near = [one for one in tried if left_by(one) <= NEAR * left_by(best)]
         tried = [(one[0], finer(bench, one[1], progress)) if one in near else one for one in tried]
     return tried if min(excess(bench, new) for _, new in tried) <= most else []

@@ -96,7 +96,7 @@ def another(
             further = [resting(bench, state, lin, progress)]
         else:
             likely = likely_names(bench, state, lin, progress)
-            lead = None if bends else leading_to_one_more(bench, state, likely, progress)
+            lead = leading_to_one_more(bench, state, likely, progress)
             two = None if lead is None else _with_second(bench, state, *lead, likely, lin, first, progress)
             if two is not None:
                 return two
