@@ -9,7 +9,7 @@ from ident.choice import CURVE_SHARE, Tried, is_curve, left_by
 from ident.effects.base import Effect, only_gains, only_shares
 from ident.finer import finer
 from ident.parts import degrees
-from ident.refits import CLOSE, NAMED, Bench, State, excess, linearised
+from ident.refits import CLOSE, FINELY, NAMED, Bench, State, excess, linearised
 from ident.trace import Linearised
 from ident.tried import refitted
 
@@ -41,11 +41,11 @@ def leading_to_one_more(
     """The model with the best of the names `tried` beyond `state`, if it explains some and one more leaves nothing but noise; and the
     names tried beyond that. Not two that may take the place of one law that has no name."""
     candidate, best = min((one for one in tried if not is_curve(one)), key=left_by, default=(None, state))
-    if candidate is None or candidate.effect.joint is None or bench.late or excess(bench, state) <= CLOSE:
+    if candidate is None or bench.late or excess(bench, state) <= CLOSE:
         return None
     if not NAMED < excess(bench, best) < LEAVES * excess(bench, state):
         return None
-    lead = finer(bench, best, progress)
+    lead = finer(bench, best, progress) if best.roughly > FINELY else best
     most = min(1.0 + HARDLY * (excess(bench, lead) - 1.0), NAMED)
     more = _one_more(bench, lead, most, lambda effect: _of_two_causes(candidate.effect, effect), progress)
     return (lead, more) if more else None
@@ -53,13 +53,14 @@ def leading_to_one_more(
 
 def _of_two_causes(one: Effect, other: Effect) -> bool:
     """Whether no law that has no name is both effects: such a law acts at one joint and one port from the first record to the last. What
-    delays a torque and what delays an angle do nearly the same."""
+    delays a torque and what delays an angle do nearly the same, and what is of the whole arm may be of one joint."""
     if None not in (one.joint, other.joint) and one.joint != other.joint:
         return True
     if only_shares(one) != only_shares(other):
         return True
-    both_gains = only_gains(one) and only_gains(other)
-    return not both_gains and (one.port == "sensor") != (other.port == "sensor")
+    ports = {one.port, other.port}
+    apart = len(ports) == 2 and ("sensor" in ports or (one.joint is None) != (other.joint is None))
+    return apart and not (only_gains(one) and only_gains(other))
 
 
 def _one_more(

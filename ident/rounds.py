@@ -90,9 +90,9 @@ def another(
     lin = linearised(state.problem, state.minimum.vector)
     tried: list[Tried] = list(missing)
     further: Iterable[list[Tried]] = ()
-    if not _whole(bench, missing):
+    if not any(explains(bench, new, first) for _, new in missing):
         tried += again(bench, state, partly, progress) if excess(bench, state) > CLOSE else []
-        if little or _whole(bench, tried):
+        if little or any(excess(bench, new) <= NAMED for _, new in tried):
             further = [resting(bench, state, lin, progress)]
         else:
             likely = likely_names(bench, state, lin, progress)
@@ -156,11 +156,6 @@ def _with_second(
     if earned(bench, state, alone, first):
         return alone, [_entry(bench, state, alone, state.select - alone.select, more, there, alone.effects[-1])]
     return None
-
-
-def _whole(bench: Bench, tried: Sequence[Tried]) -> bool:
-    """Whether one of those that were tried leaves nothing."""
-    return any(excess(bench, new) <= NAMED for _, new in tried)
 
 
 def _entered(
