@@ -292,7 +292,7 @@ def _loop(
         missing = one_more(bench, state, progress) if _bent(bench, start, state) else []
         if _bent(bench, start, state) and not missing:
             state = begun_afresh = afresh(bench, state, progress)
-        if not bench.split.note and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
+        if not (missing or bench.split.note) and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
         state, added = apart(bench, state, added, progress)
         state, added = exchanged(bench, state, added, progress)
@@ -316,12 +316,13 @@ def _bent(bench: Bench, start: State, state: State) -> bool:
 
 def _little(bench: Bench, start: State, state: State) -> bool:
     """Whether so little is left of what was in excess that only what promises most of it is tried: of a force that may have moved
-    the arm in more than one way, more than of others; nothing of what is exact."""
+    the arm in more than one way, or of dry friction, more than of others; nothing of what is exact."""
     if not any(map(has_forces, state.effects)):
         return False
     left = _left(bench, start, state)
     many_ways = any(isinstance(effect, Law) and winds_up(effect) for effect in state.effects)
-    return (left < ENOUGH and excess(bench, state) <= CLOSE) or (left < LEFT and many_ways)
+    most = CLOSE**2 if any(effect.dry for effect in state.effects) else CLOSE
+    return (left < ENOUGH and excess(bench, state) <= most) or (left < LEFT and many_ways)
 
 
 def _left_over(bench: Bench, start: State, state: State) -> tuple[Departure, ...]:

@@ -211,10 +211,14 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
     e, c = added.effect, d.campaign
     by_record, by_band = carried(d, e)
     rivals = _distinct(((r.name, r.joint, error) for r, error in added.rivals), e)
+    whole = (
+        d.status != "unexplained" and added is d.added[-1]
+    )  # what a rival left while others were missing tells nothing
     as_good = [
-        (name, joint) for name, joint, error in rivals
-        if error <= AS_GOOD * added.after and name != "unknown" and d.status != "unexplained"
-    ]  # fmt: skip
+        (name, joint) for name, joint, error in rivals if whole and error <= AS_GOOD * added.after and name != "unknown"
+    ]
+    others = {(one.effect.name, one.effect.joint) for one in d.added}
+    tied = [pair for pair in [*((t.name, t.joint) for t in added.tied), *as_good] if pair not in others]
     entry: dict[str, Any] = {
         "name": e.name,
         "joint": _joint(c, e.joint),
@@ -237,7 +241,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
             ],
         },
         "rivals": [{"name": name, "joint": _joint(c, joint), "after": error} for name, joint, error in rivals],
-        "confounded_with": _confounded(d, e.name, e.joint, [*((t.name, t.joint) for t in added.tied), *as_good]),
+        "confounded_with": _confounded(d, e.name, e.joint, tied),
     }
     if isinstance(e, Learned):
         entry["curve"] = e.curve(d.model.chain.slides(e.joint))

@@ -22,7 +22,7 @@ from ident.departures import groups
 from ident.diagnose import Begun, Diagnosis, _bent, _fits_alone, _little, _loop, _resumed, begin, diagnose
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
-from ident.effects.friction import LinkViscous
+from ident.effects.friction import LinkViscous, MotorCoulomb
 from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.learned import learned
 from ident.effects.spring import Backlash
@@ -376,12 +376,22 @@ def test_a_base_so_soft_that_it_moves_every_mode_promises_most(model: Model) -> 
     np.testing.assert_allclose(added.effect.values, [1e5, 1e5, 150.0, 2e-4], rtol=0.01)
 
 
-@pytest.mark.parametrize(("effect", "little"), [(Backlash(0, (1e-4,)), True), (MotorHysteresis(0, (1e-3, 0.2)), False)])
+@pytest.mark.parametrize(
+    ("effect", "of", "little"),
+    [
+        (Backlash(0, (1e-4,)), 201.0, True),
+        (MotorHysteresis(0, (1e-3, 0.2)), 201.0, False),
+        (MotorCoulomb(0, (1e-3,)), 201.0, False),
+        (MotorCoulomb(0, (1e-3,)), 5001.0, True),
+        (MotorHysteresis(0, (1e-3, 0.2)), 5001.0, False),
+    ],
+)
 def test_more_is_left_of_a_motion_that_may_not_be_found(
-    effect: Effect, little: bool, monkeypatch: pytest.MonkeyPatch
+    effect: Effect, of: float, little: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Six noise powers of 201: of play that may be its own motion, of a hysteresis, whose motion is found, it is another effect's."""
+    """Six noise powers: of play it may be its own motion, of much dry friction how it creeps; of a hysteresis, whose motion is found, it is
+    another effect's."""
     monkeypatch.setattr("ident.diagnose.excess", lambda bench, state: state.select)
     monkeypatch.setattr("ident.diagnose._left", lambda bench, start, state: (state.select - 1.0) / (start.select - 1.0))
-    start, state = (SimpleNamespace(select=left, effects=(effect,)) for left in (201.0, 6.0))
+    start, state = (SimpleNamespace(select=left, effects=(effect,)) for left in (of, 6.0))
     assert _little(SimpleNamespace(), start, state) == little

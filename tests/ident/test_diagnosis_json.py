@@ -79,6 +79,14 @@ def test_each_rival_stands_once_and_one_as_good_is_confounded(file):
     assert "amplitude" in other["separate_by"]
 
 
+def test_no_effect_is_confounded_by_what_a_rival_left_while_another_was_missing(file):
+    d = diagnosis()
+    (only,) = d.added
+    first, last = verdict_document(replace(d, added=(replace(only, tied=(only.effect,)), only)), [file])["effects"]
+    assert first["rivals"] == last["rivals"] and not first["confounded_with"]
+    assert [other["name"] for other in last["confounded_with"]] == ["motor-stribeck"]
+
+
 def test_constants_that_no_record_shows_have_no_deviation(file):
     d = blind(diagnosis(), "alpha_13")
     inertia = verdict_document(d, [file])["inertia"]
