@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ident.candidates import catalogue
-from ident.choice import CURVE_SHARE, Tried, is_curve, left_by
+from ident.choice import CURVE_SHARE, Tried, is_curve, left_by, plainest
 from ident.effects.base import Effect, only_gains, only_shares
 from ident.finer import finer
 from ident.parts import degrees
@@ -40,9 +40,10 @@ def leading_to_one_more(
 ) -> tuple[State, list[Tried]] | None:
     """The model with the best of the names `tried` beyond `state`, if it explains some and one more leaves nothing but noise; and the
     names tried beyond that. Not two that may take the place of one law that has no name."""
-    candidate, best = min((one for one in tried if not is_curve(one)), key=left_by, default=(None, state))
-    if candidate is None or bench.late or excess(bench, state) <= CLOSE:
+    named = [one for one in tried if not is_curve(one)]
+    if not named or bench.late or excess(bench, state) <= CLOSE:
         return None
+    candidate, best = plainest(bench, named)
     if not NAMED < excess(bench, best) < LEAVES * excess(bench, state):
         return None
     lead = finer(bench, best, progress) if best.roughly > FINELY else best

@@ -29,6 +29,7 @@ def beyond(monkeypatch: pytest.MonkeyPatch) -> list[tuple[SimpleNamespace, Simpl
     state_of = {"finer": lambda bench, s, progress: SimpleNamespace(**(vars(s) | {"select": s.select / 2}))}
     stand_ins = state_of | {
         "excess": lambda bench, state: state.select,
+        "plainest": lambda bench, named: min(named, key=lambda one: one[1].select),
         "_of_two_causes": lambda one, other: other.joint not in (None, one.joint),
         "linearised": lambda problem, vector: SimpleNamespace(chi2=LEFT),
         "beyond_noise": lambda state, lin: lin.chi2,
