@@ -86,7 +86,7 @@ def another(
     """The model with one effect more, if any earns it, or two that do together; `first` is chi^2 on the choosing records before any was
     added. Where `little` is left, only of those that promise most of it. Where the records that fit may let the model bend, `bends`,
     no two, and none if all leave more at first than there was. What explained something `partly` before others were added is tried as it
-    was then, too: what these missed may have bent the arm. Of names that were tried one may do that is `missing`."""
+    was then, too: what these missed may have bent the arm. `missing` are names that were tried already, one of which leaves hardly anything."""
     lin = linearised(state.problem, state.minimum.vector)
     tried: list[Tried] = list(missing)
     further: Iterable[list[Tried]] = ()

@@ -117,12 +117,11 @@ def hasty(
     comes first.
     """
     if excess(bench, state) > FAR:
-        declared = names
-        yield declared
-        named = best_names(declared)
-        if _explaining(bench, declared, first) is None:
+        yield names
+        named = best_names(names)
+        if _explaining(bench, names, first) is None:
             much = bool(named) and left_by(named[0]) < MUCH * state.select
-            if much or (not state.effects and law_leads(declared, first)):
+            if much or (not state.effects and law_leads(names, first)):
                 yield _drawn(bench, state, lin, progress)
             else:
                 tried = _from_fitted(bench, state, lin, progress)
