@@ -13,8 +13,9 @@ from ident.refits import CLOSE, FINELY, NAMED, Bench, State, excess, linearised
 from ident.trace import Linearised
 from ident.tried import refitted
 
-#: Names tried, and share of what is left that each must promise, and that the best may leave beyond noise.
-TRIED, PROMISED, MUCH = 3, 0.1, 0.3
+#: Names tried, and share of what is left that each must promise, and that the best may leave beyond noise in haste: dry friction's motion
+#: is not found then.
+TRIED, PROMISED, MUCH = 3, 0.1, 0.5
 #: Times what the best leaves that another may leave to be fitted finely, too.
 NEAR = 2.0
 #: Share of what there was that a name may leave beside which another one does; of what that leaves beyond noise, that both may leave.

@@ -229,7 +229,7 @@ def _best(
         if bench.late:
             return chosen(bench, tried, state.select), tried
         one = ahead(bench, tried, first)
-        if one is None or one is leader:
+        if one is None or one is leader or (little and left_by(one) >= state.select):
             continue
         leader = at_minimum(bench, one, progress)
         tried = [leader if other is one else other for other in tried]
