@@ -287,11 +287,11 @@ def _loop(
         added += more
         if bench.late:
             break
-        # is what was missing the way, or is more missing?
-        now = state
-        missing = one_more(bench, state, progress) if _bent(bench, start, state) else []
-        if _bent(bench, start, state) and not missing:
-            state = begun_afresh = afresh(bench, state, progress)
+        missing, tried_from = (), state
+        if _bent(bench, start, state):  # is what was missing the way, or is more missing?
+            missing = one_more(bench, state, progress)
+            if not missing:
+                state = begun_afresh = afresh(bench, state, progress)
         if not (missing or bench.split.note) and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
             break  # lines of every record tell more
         state, added = apart(bench, state, added, progress)
@@ -299,7 +299,7 @@ def _loop(
         state, added = pruned(bench, state, added, progress)
         for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:
             state, added = renamed(bench, state, curve, added, start.select, progress)
-        missing = missing if state is now else []
+        missing = missing if state is tried_from else ()
     if added and state is not begun_afresh and not bench.late and _bent(bench, start, state):
         state = afresh(bench, state, progress)
     for effect in state.effects[:-1]:  # found while others were missing

@@ -211,11 +211,12 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
     e, c = added.effect, d.campaign
     by_record, by_band = carried(d, e)
     rivals = _distinct(((r.name, r.joint, error) for r, error in added.rivals), e)
-    whole = (
-        d.status != "unexplained" and added is d.added[-1]
-    )  # what a rival left while others were missing tells nothing
+    # what a rival left while other effects were missing tells nothing
+    complete = d.status != "unexplained" and added is d.added[-1]
     as_good = [
-        (name, joint) for name, joint, error in rivals if whole and error <= AS_GOOD * added.after and name != "unknown"
+        (name, joint)
+        for name, joint, error in rivals
+        if complete and error <= AS_GOOD * added.after and name != "unknown"
     ]
     others = {(one.effect.name, one.effect.joint) for one in d.added}
     tied = [pair for pair in [*((t.name, t.joint) for t in added.tied), *as_good] if pair not in others]

@@ -9,9 +9,8 @@ from ident.choice import Tried, left_by, plainest
 from ident.curves import wave
 from ident.effects.base import has_forces
 from ident.minima import LEAST_GAIN, fully
-from ident.one_more import beyond_noise
 from ident.parts import degrees
-from ident.refits import CLOSE, Bench, but_last, excess, standing
+from ident.refits import CLOSE, Bench, beyond_noise, but_last, excess, standing
 from ident.trials import HARDLY, LIKELY
 from ident.tried import refitted
 

@@ -8,9 +8,7 @@ from ident.candidates import catalogue
 from ident.choice import CURVE_SHARE, Tried, is_curve, left_by, plainest
 from ident.effects.base import Effect, only_gains, only_shares
 from ident.finer import finer
-from ident.parts import degrees
-from ident.refits import CLOSE, FINELY, NAMED, Bench, State, excess, linearised
-from ident.trace import Linearised
+from ident.refits import CLOSE, FINELY, NAMED, Bench, State, beyond_noise, excess, linearised
 from ident.tried import refitted
 
 #: Names tried, and share of what is left that each must promise, and that the best may leave beyond noise in haste: dry friction's motion
@@ -20,11 +18,6 @@ TRIED, PROMISED, MUCH = 3, 0.1, 0.5
 NEAR = 2.0
 #: Share of what there was that a name may leave beside which another one does; of what that leaves beyond noise, that both may leave.
 LEAVES, HARDLY = 0.7, 0.1
-
-
-def beyond_noise(state: State, lin: Linearised) -> float:
-    """chi^2 beyond noise on the records that fit."""
-    return max(lin.chi2 - degrees(state.problem.data), 1.0)
 
 
 def one_more(bench: Bench, state: State, progress: Callable[[str], None]) -> list[Tried]:

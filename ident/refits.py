@@ -259,3 +259,8 @@ def same(a: Effect, b: Effect) -> bool:
 def excess(bench: Bench, state: State) -> float:
     """chi^2 per degree of freedom on the choosing records."""
     return state.select / max(degrees(bench.split.select), 1)
+
+
+def beyond_noise(state: State, lin: Linearised) -> float:
+    """chi^2 beyond noise on the records that fit."""
+    return max(lin.chi2 - degrees(state.problem.data), 1.0)

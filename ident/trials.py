@@ -27,7 +27,6 @@ from ident.effects.catalogue import CATALOGUE
 from ident.effects.structure import LockedJointElasticity
 from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
 from ident.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
-from ident.one_more import beyond_noise
 from ident.parts import degrees
 from ident.refits import (
     CLOSE,
@@ -38,6 +37,7 @@ from ident.refits import (
     Refit,
     State,
     all_fitted,
+    beyond_noise,
     but_last,
     excess,
     fitted,
