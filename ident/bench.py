@@ -27,6 +27,7 @@ from ident.injection import Injected, inject
 from ident.machine import Machine, steps_for
 from ident.plant import Linear, Plant, build_plant, linearise
 from symgen.chain import Chain
+from symgen.plan import text_of_arm
 from symgen.robot import Drive, Robot
 
 __all__ = [
@@ -149,7 +150,7 @@ def head(
     drives = [robot.drive(name) for name in chain.names]
     held = "held by PD and disturbance observer" if lock == "dob" else "rigid"
     return Campaign(
-        urdf=chain.source,
+        urdf=text_of_arm(chain),
         joints=chain.names,
         fs=robot.experiment.fs,
         hold="zoh",

@@ -32,14 +32,14 @@ def add(command: NewCommand) -> None:
     play.add_argument(
         "--robot", metavar="ROBOT_DIR", help="the robot of a plan.json that does not lie beside its robot.toml"
     )
-    play.add_argument("-o", dest="out", metavar="DIR", required=True, help="write the files here")
+    play.add_argument("-o", dest="out", metavar="DIR", help="write the files here (default: play, beside the plan)")
     play.add_argument("--seed", type=int, default=0, help="of the excitation (default 0)")
     play.add_argument(
         "--torque-constant", metavar="JOINT=NM_PER_A", action="append", default=[], help="this joint is driven in A"
     )
     play.set_defaults(action=_export_excitation)
     bring = command("import", "Bring measured records of a real machine into a campaign file, as a map.toml says.")
-    bring.add_argument("files", metavar="FILE", nargs="*", help="records: MAT, CSV, NPZ or HDF5, one a file")
+    bring.add_argument("files", metavar="FILE", nargs="*", help="records: MAT, CSV, NPZ, HDF5 or MCAP, one a file")
     bring.add_argument("--map", metavar="map.toml", help="which numbers are the torque and the angles of which joint")
     bring.add_argument("-o", dest="out", metavar="FILE.h5", help="the campaign file to write")
     bring.add_argument("--guess", action="store_true", help="print a first map.toml, to be checked by a person")
@@ -120,7 +120,7 @@ def _doctor(options: argparse.Namespace) -> int:
     from ident.doctor_page import document, page
 
     found = examine(options.robot)
-    print(json.dumps(document(found), ensure_ascii=False) if options.json else page(found))
+    print(json.dumps(document(found)) if options.json else page(found))
     return 0 if found.ready else 1
 
 
@@ -140,11 +140,12 @@ def _export_excitation(options: argparse.Namespace) -> int:
         chain = chain_of_robot(robot)
         cells = load_plan_cells(file, make_model(chain, believe_zeros=robot.believe_zeros))
     constants = dict(map(_constant, options.torque_constant))
-    files = export_excitation(robot, chain, cells, options.out, seed=options.seed, constants=constants)
+    out = options.out or str((file if file.is_dir() else file.parent) / "play")
+    files = export_excitation(robot, chain, cells, out, seed=options.seed, constants=constants)
     if options.json:
-        print(json.dumps({"directory": options.out, "records": len(cells), "files": [str(file) for file in files]}))
+        print(json.dumps({"directory": out, "records": len(cells), "files": [str(file) for file in files]}))
     else:
-        print(f"{options.out}: {len(cells)} records to play, and map.toml to bring them back with ident import")
+        print(f"{out}: {len(cells)} records to play, and map.toml to bring them back with ident import")
     return 0
 
 

@@ -16,7 +16,7 @@ from ident.errors import IdentError
 from ident.plant import build_plant
 from ident.toml_text import key, quoted
 from symgen.chain import Chain
-from symgen.plan import Cell
+from symgen.plan import Cell, text_of_arm
 from symgen.robot import Robot
 
 FORMAT, VERSION = "frf-excitation", 1
@@ -50,7 +50,7 @@ def export_excitation(
     setups = [job.setup for job in design(chain, robot, [(cell.joint, cell.q) for cell in cells], seed=seed)]
     urdf = f"{robot.urdf.stem}.urdf"
     texts = {
-        urdf: chain.source,
+        urdf: text_of_arm(chain),
         "excitation.json": json.dumps(_document(robot, chain, cells, setups, constants), indent=1, ensure_ascii=False)
         + "\n",
         "map.toml": _map(robot, chain, cells, setups, urdf, constants),

@@ -53,7 +53,7 @@ _EXACT = 1e-9
 
 def given(path: str | Path, chain: Chain) -> Selection:
     """Returns the cells of a file: CSV with one cell a line (joint name, q1, .., qn in rad or m; `#` begins a remark, a
-    first line that begins with "joint" is a heading), JSON with a list of {"joint": .., "q": [..]}, or a plan.json.
+    first line of "joint" and no number is a heading), JSON with a list of {"joint": .., "q": [..]}, or a plan.json.
 
     Raises PlanError, one line naming file and line or cell, for anything else; OSError.
     """
@@ -61,7 +61,7 @@ def given(path: str | Path, chain: Chain) -> Selection:
         text = Path(path).read_text(encoding="utf-8-sig")
         found = _of_json(json.loads(text)) if text.lstrip()[:1] in ("[", "{") else _of_csv(text)
         cells = [(where, joint, [float(x) for x in q], spare) for where, joint, q, spare in found]
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         problem = " ".join(f"{type(error).__name__} {error}".split())
         raise PlanError(
             f"{path}: not a file of postures: {problem}; expected lines of joint name, q1, .., or JSON"
@@ -79,14 +79,16 @@ def given(path: str | Path, chain: Chain) -> Selection:
 
 
 def _of_json(document: Any) -> list[tuple[str, str, list[Any], bool]]:
-    cells = document if isinstance(document, list) else document["plan"]["cells"]
-    return [(f"cell {k}", cell["joint"], list(cell["q"]), cell.get("spare") is True) for k, cell in enumerate(cells, 1)]
+    cells = list(enumerate(document if isinstance(document, list) else document["plan"]["cells"], 1))
+    if wrong := [k for k, cell in cells if not isinstance(cell["q"], list)]:
+        raise TypeError(f"cell {wrong[0]}: q is no list")
+    return [(f"cell {k}", cell["joint"], cell["q"], cell.get("spare") is True) for k, cell in cells]
 
 
 def _of_csv(text: str) -> list[tuple[str, str, list[Any], bool]]:
     lines = ((k, line.partition("#")[0].strip()) for k, line in enumerate(text.splitlines(), 1))
     rows = [(k, [field.strip().strip('"') for field in line.split(",")]) for k, line in lines if line]
-    if rows and rows[0][1][0].lower() == "joint":
+    if rows and rows[0][1][0].lower() == "joint" and not any(map(_is_number, rows[0][1][1:])):
         del rows[0]
     out = []
     for k, (joint, *values) in rows:
@@ -95,6 +97,14 @@ def _of_csv(text: str) -> list[tuple[str, str, list[Any], bool]]:
         except ValueError:
             raise ValueError(f"line {k}: {','.join(values)[:60]!r} are not all numbers") from None
     return out
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _with_spare(

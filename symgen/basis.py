@@ -19,6 +19,9 @@ from symgen.inertia import DIGIT_DEGREE, Entry, Maps, derive, length_scale, para
 from symgen.kinematics import energy_row, twists
 from symgen.span import Growing, compressed, coordinates, nested, reached
 
+#: J_ij(q), i <= j from 0, as monomials.
+Entries = dict[tuple[int, int], Entry]
+
 #: Units of constants, by the power of m.
 UNITS = ("kg", "kg m", "kg m2")
 
@@ -59,7 +62,7 @@ class Factoring:
     """
 
     chain: Chain
-    entries: dict[tuple[int, int], Entry]
+    entries: Entries
     alphas: tuple[Alpha, ...]
     d: int
     W: Array
@@ -138,21 +141,26 @@ def _names(pairs: list[tuple[int, int]]) -> list[str]:
     ]
 
 
-def factor(chain: Chain, *, believe_zeros: bool = False) -> Factoring:
+def derived(chain: Chain) -> Entries:
+    """Returns every J_ij(q), i <= j from 0, as monomials times inertial parameters: the diagonal, tip to base, comes first."""
+    maps, n = Maps(chain), chain.n
+    pairs = [(i, i) for i in reversed(range(n))] + [(i, j) for i in range(n) for j in range(i + 1, n)]
+    return {pair: derive(chain, *pair, maps=maps) for pair in pairs}
+
+
+def factor(chain: Chain, *, believe_zeros: bool = False, entries: Entries | None = None) -> Factoring:
     """Returns the minimal factoring of J(q); eqs. (9), (10) with the fewest alpha_ij, for any serial arm.
 
     With `believe_zeros` the parameters that are exactly zero in the URDF are taken as known to be zero (the paper's
-    symmetric links); else every body may have any ten parameters, and the count holds whatever CAD says.
+    symmetric links); else every body may have any ten parameters, and the count holds whatever CAD says. `entries` of
+    `derived` saves deriving them again.
     """
     n = chain.n
     zero: NDArray[np.bool_] = believed_zeros(chain) if believe_zeros else np.zeros(10 * n, dtype=np.bool_)
     scale = np.where(zero, 0.0, 1.0 / parameter_scale(chain))
-    diagonal = [(i, i) for i in reversed(range(n))]
-    pairs = diagonal + [(i, j) for i in range(n) for j in range(i + 1, n)]
-    maps = Maps(chain)
-    entries = {pair: _without(derive(chain, *pair, maps=maps), zero) for pair in pairs}
+    entries = {pair: _without(entry, zero) for pair, entry in (entries or derived(chain)).items()}
     samples = _Samples(chain, scale)
-    spans, dropped = samples.spans(pairs)
+    spans, dropped = samples.spans(list(entries))
     tables = {pair: entry.A for pair, entry in entries.items()}
     if dropped:
         unscale = np.where(zero, 0.0, parameter_scale(chain))
@@ -163,7 +171,8 @@ def factor(chain: Chain, *, believe_zeros: bool = False) -> Factoring:
     for pair, entry in entries.items():
         P = coordinates((W * scale)[: known[pair]])
         S[pair] = readonly(_sparse(entry.A * scale, P, size))
-    values = np.linalg.svd(compressed(np.concatenate([entries[pair].A for pair in diagonal]) * scale), compute_uv=False)
+    own = np.concatenate([entry.A for (i, j), entry in entries.items() if i == j])
+    values = np.linalg.svd(compressed(own * scale), compute_uv=False)
     return Factoring(
         chain=chain,
         entries=entries,
@@ -221,7 +230,7 @@ class _Samples:
 
 def _constants(
     chain: Chain,
-    entries: dict[tuple[int, int], Entry],
+    entries: Entries,
     tables: dict[tuple[int, int], Array],
     spans: dict[tuple[int, int], Array],
     scale: Array,

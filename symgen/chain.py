@@ -87,7 +87,7 @@ class Joint:
 
     `R` [3, 3] and `p` [3, m] place the joint frame in the previous link's frame at q = 0; the link frame is the joint
     frame turned about (revolute) or shifted along (prismatic) the unit `axis` [3] by q. Limits in rad or m (infinite
-    for a continuous joint), velocity in rad/s or m/s, effort in N m or N; infinite where the URDF states none.
+    for a continuous joint), effort in N m or N; infinite where the URDF states none.
     """
 
     name: str
@@ -99,7 +99,6 @@ class Joint:
     inertia: Inertia
     lower: float = -np.inf
     upper: float = np.inf
-    velocity: float = np.inf
     effort: float = np.inf
 
     def __post_init__(self) -> None:
@@ -108,9 +107,14 @@ class Joint:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """(lower, upper) as a finite interval: an unlimited revolute joint gets (-pi, pi), an unlimited slide (-1, 1) m."""
+        """(lower, upper) as a finite interval: an unlimited revolute joint gets (-pi, pi), an unlimited slide (-1, 1) m.
+
+        Where only one end is infinite and the other lies outside these, it is pi or 1 m beyond that other.
+        """
         span = np.pi if self.type == REVOLUTE else 1.0
-        return (self.lower if np.isfinite(self.lower) else -span, self.upper if np.isfinite(self.upper) else span)
+        lower = -span if self.upper > -span else self.upper - span
+        upper = span if self.lower < span else self.lower + span
+        return (self.lower if np.isfinite(self.lower) else lower, self.upper if np.isfinite(self.upper) else upper)
 
 
 @dataclass(frozen=True)

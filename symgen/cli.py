@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import fields
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,6 +95,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # of a name that the terminal can not show
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         if null := [word for word in words if "\0" in word]:
@@ -112,7 +115,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SymgenError as error:
         return _failed(str(error), 2)
     except OSError as error:
-        return _failed(f"{error.filename}: {error.strerror}", 2)
+        where = "" if error.filename is None else f"{error.filename}: "
+        return _failed(f"{where}{error.strerror or error}", 2)
 
 
 def _failed(message: str, status: int) -> int:
@@ -144,7 +148,7 @@ def _run(options: argparse.Namespace) -> int:
     document["files"] = _write(result, Path(options.out)) if options.out else []
     document["seconds"] = {**result.seconds, "emit": time.perf_counter() - begin}
     if options.json:
-        print(json.dumps(document, ensure_ascii=False))
+        print(json.dumps(document))
     else:
         _print(document)
     return 1 if document["plan"]["open"] or document["plan"]["infeasible"] else 0
@@ -157,7 +161,7 @@ def _check(options: argparse.Namespace) -> int:
         raise SymgenError(f"-o {options.out}: expected without --check, which writes nothing")
     result = check(Path(options.check), Path(options.urdf) if options.urdf else None, _request(options))
     if options.json:
-        print(json.dumps(result.document(), ensure_ascii=False))
+        print(json.dumps(result.document()))
     else:
         for name, what in result.differences.items():
             print(f"{result.directory / name}: {what}")
@@ -197,23 +201,27 @@ def _verified(result: Plan) -> dict[str, Any]:
 
 
 def _write(result: Plan, directory: Path) -> list[str]:
-    """Writes everything beside the target first and moves it there file by file: never a half-written output."""
+    """Writes everything into a folder of its own in the directory, and moves it out of there file by file: never a
+    half-written output. Folders that were not there are removed again where that fails."""
     from symgen import emit
 
     if directory.exists() and not directory.is_dir():
         raise SymgenError(f"-o {directory}: a file; expected a directory")
-    directory.parent.mkdir(parents=True, exist_ok=True)
-    beside = Path(tempfile.mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
+    new = [folder for folder in (directory, *directory.parents) if not folder.exists()]
     try:
-        names = emit.write_all(result, beside)
-        directory.mkdir(exist_ok=True)
-        for name in names:
-            if (directory / name).is_dir():
-                raise SymgenError(f"{directory / name}: a directory; expected a file to replace, or nothing")
-        for name in names:
-            os.replace(beside / name, directory / name)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".symgen-", dir=directory, ignore_cleanup_errors=True) as within:
+            names = emit.write_all(result, Path(within))
+            for name in names:
+                if (directory / name).is_dir():
+                    raise SymgenError(f"{directory / name}: a directory; expected a file to replace, or nothing")
+            for name in names:
+                os.replace(Path(within, name), directory / name)
+    except BaseException:
+        for folder in new:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
     return [str(directory / name) for name in names]
 
 
@@ -260,7 +268,15 @@ def _print(document: dict[str, Any]) -> None:
         print(f"Cell {row['cell']} ({row['joint']}) can not be held: {row['why']}")
     if "verified" in document:
         verified = document["verified"]
-        print(f"J(q) equals Pinocchio's to {verified['relative_error']:.1e} at {verified['postures']} random postures.")
+        written = verified["relative_error_to_file_as_written"]
+        print(
+            f"J(q) equals Pinocchio's to {verified['relative_error']:.1e} at {verified['postures']} random postures"
+            + (
+                "; Pinocchio does not read the file itself."
+                if written is None
+                else f", and that of the file as Pinocchio reads it to {written:.1e}."
+            )
+        )
     for name in document["files"]:
         print(name)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from symgen.chain import Array, Chain
 from symgen.holding import Mask
 from symgen.kinematics import frames
+from symgen.pinocchio_arm import alone, configurations, joint_ids
 from symgen.quiet import quiet
 
 #: Shapes that touch at this share of random postures overlap by construction (neighbours in a gearbox), not by motion.
@@ -51,13 +52,7 @@ def _tester(chain: Chain, urdf: Path) -> tuple[Mask | None, str]:
         with quiet():
             whole = pin.buildModelFromXML(text)
             geometry = pin.buildGeomFromUrdfString(whole, text, pin.GeometryType.COLLISION)
-        rest = pin.neutral(whole)
-        for name, value in chain.frozen.items():
-            joint = whole.joints[whole.getJointId(name)] if whole.existJointName(name) else None
-            if joint is not None:
-                rest[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
-        others = [k for k in range(1, whole.njoints) if whole.names[k] not in chain.names]
-        model, geometry = pin.buildReducedModel(whole, geometry, others, rest) if others else (whole, geometry)
+        model, geometry = alone(whole, chain, geometry)
     except (ValueError, RuntimeError) as error:
         return None, f"not tested: {' '.join(str(error).split())[:120]}"
     test = _pairs(pin, model, geometry, chain)
@@ -112,20 +107,11 @@ def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
     if not pairs:
         return None
     _set_pairs(pin, geometry, pairs)
-    joints = [model.joints[model.getJointId(name)] for name in chain.names]
-    neutral = np.array(pin.neutral(model))
-
-    def configurations(q: Array) -> Array:
-        full = np.tile(neutral, (len(q), 1))
-        for joint, value in zip(joints, q.T, strict=True):
-            parts = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
-            full[:, joint.idx_q : joint.idx_q + joint.nq] = np.transpose(parts)
-        return full
-
+    ids = joint_ids(model, chain.names)
     low, high = chain.limits.T
     trials = low + (high - low) * np.random.default_rng(0).random((_TRIALS, chain.n))
     test, hits = _Test(pin, model, geometry), np.zeros(len(pairs))
-    for q in configurations(trials):
+    for q in configurations(model, ids, trials):
         hits += [test(k, q) for k in range(len(pairs))]
     by_hits = np.argsort(-hits, kind="stable").tolist()  # what touches often is tested first
     pairs = [pairs[k] for k in by_hits if hits[k] < _ALWAYS * _TRIALS]
@@ -133,10 +119,10 @@ def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
     hulls_touch, shapes_touch = _Test(pin, model, _hulls(geometry)), _Test(pin, model, geometry)
     is_hull = [_is_hull(shape.geometry) for shape in shapes]
     exact = [is_hull[a] and is_hull[b] for a, b in pairs]
-    close = _closeness(pin, model, geometry, chain)
+    close = _closeness(model, geometry, chain, ids)
 
     def touches(q: Array) -> NDArray[np.bool_]:
-        mask, rows = np.zeros(len(q), dtype=bool), list(configurations(q))
+        mask, rows = np.zeros(len(q), dtype=bool), list(configurations(model, ids, q))
         for k, pair in np.argwhere(close(q)).tolist():
             if not mask[k]:
                 mask[k] = hulls_touch(pair, rows[k]) and (exact[pair] or shapes_touch(pair, rows[k]))
@@ -208,19 +194,18 @@ def _is_hull(shape: Any) -> bool:
     return bool(bulge < _BULGE * np.ptp(points, axis=0).max())
 
 
-def _closeness(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask:
+def _closeness(model: Any, geometry: Any, chain: Chain, ids: list[int]) -> Mask:
     """What tells at postures [m, n] which pairs of shapes may touch [m, pairs]: those whose bounding spheres do."""
     pairs = np.array([(pair.first, pair.second) for pair in geometry.collisionPairs])
-    place, centre, radius = [], [], []
+    body, centre, radius = [], [], []
     for shape in geometry.geometryObjects:
         shape.geometry.computeLocalAABB()
-        place.append(model.names[shape.parentJoint])
+        body.append(ids.index(shape.parentJoint) + 1 if shape.parentJoint in ids else 0)
         centre.append(shape.placement.act(shape.geometry.aabb_center))
         radius.append(shape.geometry.aabb_radius)
-    body = [chain.names.index(name) + 1 if name in chain.names else 0 for name in place]
     centres = np.column_stack([centre, np.ones(len(centre))])[..., None]
     reach = np.array(radius)[pairs].sum(axis=1) + _SLACK
-    before = np.array([model.jointPlacements[model.getJointId(name)].homogeneous for name in chain.names])
+    before = np.array([model.jointPlacements[k].homogeneous for k in ids])
     frames_at = frames(chain.joints, before)
 
     def close(q: Array) -> NDArray[np.bool_]:

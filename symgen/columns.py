@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 from symgen.basis import Factoring
 from symgen.cells import spread
 from symgen.chain import Array, readonly
-from symgen.postures import ROUNDING, Mask, box
+from symgen.errors import NoPlanError
+from symgen.holding import ROUNDING, Holding, Mask, box
 from symgen.regressor import J_rows
 
 #: A column plan is long enough when no entry's error over the workspace is worse than this, per unit error of an entry.
 AMPLIFICATION = 1.3
 
 _CANDIDATES, _WORKSPACE = 250, 400
+
+#: Where fewer of the candidates are feasible, more postures are looked at.
+_ENOUGH = 50
 
 #: Steps [rad or m] tried around every run, smaller each time.
 _REACHES, _STEPS = (0.6, 0.2, 0.07), 8
@@ -74,12 +78,18 @@ def plan_columns(
 
     `rotor` [n, kg m2, joint side] and `feasible` as in `postures.plan`. Runs are added one at a time, each the best of many
     candidates, and after each the others are exchanged and moved; log det of the information is what is raised.
+
+    Raises NoPlanError where the postures found do not determine all constants.
     """
     n, D = factoring.chain.n, len(factoring.alphas)
     blocks = _Blocks(factoring, np.zeros(n) if rotor is None else rotor)
     allowed = box(factoring.chain.limits)
     everywhere = blocks.everything(spread(factoring.chain.limits, _WORKSPACE, 0.123))
     q = _allowed(spread(allowed, _CANDIDATES, 0.5), feasible)
+    if len(q) < _ENOUGH:
+        q = Holding(factoring.chain, allowed, feasible).found(_ENOUGH)
+    if not len(q):
+        raise _none(factoring)
     joints = np.tile(np.arange(n), len(q))
     postures, rows = np.repeat(q, n, axis=0), blocks.everything(q).reshape(-1, n, D)
     prior = 1e-6 * np.einsum("mijd,mije->de", everywhere, everywhere, optimize=True) / _WORKSPACE
@@ -96,9 +106,18 @@ def plan_columns(
         if worst.max() <= amplification or len(runs) >= longest:
             break
         joints, postures, rows = _with_neighbours(blocks, joints, postures, rows, runs, allowed, feasible)
+    if not np.isfinite(worst).all():
+        raise _none(factoring)
     order = np.lexsort((np.arange(len(runs)), -joints[runs]))
     chosen = np.array(runs)[order]
     return ColumnDesign(joints[chosen], readonly(postures[chosen]), readonly(worst))
+
+
+def _none(factoring: Factoring) -> NoPlanError:
+    return NoPlanError(
+        f"{factoring.chain.name}: no column plan: the postures found that the arm may hold do not determine all "
+        f"{len(factoring.alphas)} constants; expected a plan without --columns, or wider limits"
+    )
 
 
 def _allowed(q: Array, feasible: Mask | None) -> Array:

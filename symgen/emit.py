@@ -88,8 +88,15 @@ def write_functions(
     for name, text in texts.items():
         (directory / name).write_text(text, encoding="utf-8")
     for name, function in functions(factoring, expressions).items():
-        function.save(str(directory / f"{name}.casadi"))
+        save(function, directory / f"{name}.casadi")
     return [*texts, *(f"{name}.casadi" for name in _FUNCTIONS)]
+
+
+def save(function: ca.Function, path: Path) -> None:
+    """Writes a CasADi function as its own `save` does, which neither tells of a full disk nor opens a path that is no text."""
+    serializer = ca.StringSerializer()
+    serializer.pack(function)
+    path.write_text(serializer.encode(), encoding="ascii")
 
 
 def functions(factoring: Factoring, expressions: Mapping[str, Any] | None = None) -> dict[str, ca.Function]:

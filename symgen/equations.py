@@ -208,7 +208,7 @@ def _entry(factoring: Factoring, i: int, j: int) -> Block:
         more = f"{hidden} terms more" if complete else "all terms of higher degree"
         blocks.append(Text(f"… and {more}: see {file}."))
     count = f"{len(members)} terms" if complete else f"{len(members)} terms of low degree"
-    return Fold(f"{entry_text(i, j)}: {count} in {len(groups)} constants", tuple(blocks))
+    return Fold(f"{entry_text(factoring.chain.n, i, j)}: {count} in {len(groups)} constants", tuple(blocks))
 
 
 def _sum(left: str, lines: Sequence[str]) -> Display:
@@ -246,7 +246,7 @@ def _row(factoring: Factoring, i: int, name: str, groups: Mapping[int, Sequence[
     for constant, cell in zip(constants, cells, strict=True):
         first, *rest = wrapped(cell)
         lines += [f"{constant} &: {first}", *(rf"&\quad {line}" for line in rest)]
-    title = f"C_{i + 1}: what multiplies each of {len(groups)} constants in {entry_text(i, i)}"
+    title = f"C_{i + 1}: what multiplies each of {len(groups)} constants in {entry_text(factoring.chain.n, i, i)}"
     return Fold(title, (Display(tuple(lines)),))
 
 

@@ -20,6 +20,7 @@ from symgen.errors import SymgenError
 from symgen.formula import rounded
 from symgen.inertia import Angle, parameter_scale
 from symgen.kinematics import MOMENTS
+from symgen.notation import entry_text
 
 #: Order in which a link's parameters are tried as carriers of alpha, in frames with z the joint axis. Mass, height of
 #: the centre of mass and L_yy come last: their effect can be had from the link before, and a massless composite body
@@ -268,7 +269,7 @@ def trigonometric_graph(factoring: Factoring) -> Graph:
     for (i, j), entry in factoring.entries.items():
         if not entry.complete:
             raise SymgenError(
-                f"{factoring.chain.name}: J_{i + 1}{j + 1} has too many terms to be written out; use inertia_graph"
+                f"{factoring.chain.name}: {entry_text(n, i, j)} has too many terms to be written out; use inertia_graph"
             )
         total: Scalar = 0.0
         weights = ca.mtimes(ca.sparsify(ca.DM(factoring.S[i, j])), alpha)

@@ -36,9 +36,9 @@ def entry_latex(i: int, j: int) -> str:
     return "J" + subscript((i + 1, j + 1))
 
 
-def entry_text(i: int, j: int) -> str:
-    """Returns J_23 for the entry (1, 2), joints counted from 0; J_9_10 once a number has two digits."""
-    return f"J_{i + 1}_{j + 1}" if max(i, j) > 8 else f"J_{i + 1}{j + 1}"
+def entry_text(n: int, i: int, j: int) -> str:
+    """Returns J_23 for the entry (1, 2) of an arm of n joints, counted from 0; J_2_3 from ten joints on."""
+    return f"J_{i + 1}{j + 1}" if n < 10 else f"J_{i + 1}_{j + 1}"
 
 
 def alpha_latex(name: str) -> str:

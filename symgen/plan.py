@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,20 +15,20 @@ from numpy.typing import ArrayLike
 
 from symgen import kinematics, postures, regressor
 from symgen.alternatives import Chooser
-from symgen.basis import Factoring, factor
+from symgen.basis import Entries, Factoring, derived, factor
 from symgen.cells import Cells, Rows
-from symgen.chain import PRISMATIC, Array, Chain
+from symgen.chain import Array, Chain
 from symgen.columns import plan_columns
-from symgen.errors import PlanError, RobotError
+from symgen.errors import PlanError
 from symgen.feasible import Feasible
 from symgen.formula import alpha_cad
 from symgen.judgement import infeasible, judged, undetermined
+from symgen.notation import entry_text
 from symgen.robot import Drive, Robot
-from symgen.urdf import load_chain, parse_chain
+from symgen.snapping import snapping_costs
+from symgen.urdf import load_chain, parse_chain, with_arm
 
 FORMAT, VERSION = "symgen-plan", 1
-
-_JUDGE_POSTURES = 200
 
 
 @dataclass(frozen=True)
@@ -106,15 +106,18 @@ class Model:
         return low + (high - low) * rng.random((count, self.chain.n))
 
 
-def make_model(chain: Chain, *, believe_zeros: bool = False) -> Model:
-    """Returns the model of a chain; `believe_zeros` takes exact zeros among its inertial parameters as known."""
-    wider = factor(chain)
-    return Model(chain, factor(chain, believe_zeros=True) if believe_zeros else wider, wider)
+def make_model(chain: Chain, *, believe_zeros: bool = False, entries: Entries | None = None) -> Model:
+    """Returns the model of a chain; `believe_zeros` takes exact zeros among its inertial parameters as known. `entries` of
+    `basis.derived` saves deriving them again."""
+    entries = entries or derived(chain)
+    wider = factor(chain, entries=entries)
+    return Model(chain, factor(chain, believe_zeros=True, entries=entries) if believe_zeros else wider, wider)
 
 
 @lru_cache(maxsize=8)
 def model_of_urdf(text: str, joints: tuple[str, ...], *, believe_zeros: bool = False) -> Model:
-    """Returns the model of the arm in a URDF text whose driven joints, base to tip, are `joints`; others are frozen at 0.
+    """Returns the model of the arm in a URDF text whose driven joints, base to tip, are `joints`; others are frozen where the text
+    says (`urdf.with_arm`), else at 0.
 
     Raises UrdfError, or PlanError if `joints` are not a base-to-tip run of that arm.
     """
@@ -158,7 +161,7 @@ def load_plan_cells(path: str | Path, model: Model) -> tuple[Cell, ...]:
             Cell(cell["joint"], np.array(cell["q"], dtype=float), bool(cell["spare"]))
             for cell in document["plan"]["cells"]
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise PlanError(f"{path}: not a plan file: {type(error).__name__} {error}; run symgen again") from None
     for k, cell in enumerate(cells):
         if cell.joint not in model.chain.names or cell.q.shape != (model.chain.n,) or not np.isfinite(cell.q).all():
@@ -190,8 +193,11 @@ def make_plan(
     """
     seconds = {}
     start = time.perf_counter()
-    model = make_model(chain, believe_zeros=believe_zeros)
+    entries = derived(chain)
     seconds["derive"] = time.perf_counter() - start
+    start = time.perf_counter()
+    model = make_model(chain, believe_zeros=believe_zeros, entries=entries)
+    seconds["rank"] = time.perf_counter() - start
     start = time.perf_counter()
     rows = Rows(model.factoring, np.zeros(chain.n) if rotor is None else rotor)
     if choose is None:
@@ -292,7 +298,7 @@ def _unseen(factoring: Factoring) -> list[dict[str, Any]]:
         counts[alpha.i, alpha.j] = counts.get((alpha.i, alpha.j), 0) + 1
     return [
         {
-            "entry": f"J_{i + 1}{j + 1}" if factoring.chain.n < 10 else f"J_{i + 1}_{j + 1}",
+            "entry": entry_text(factoring.chain.n, i, j),
             "directions": count,
             "measure": f"cross response {i + 1} -> {j + 1}",
             "postures": count,
@@ -303,20 +309,12 @@ def _unseen(factoring: Factoring) -> list[dict[str, Any]]:
 
 
 def _snapped(chain: Chain, unsnapped: Chain | None) -> list[dict[str, Any]]:
-    """Each snapped angle with its cost: the largest change of J(q) if that joint kept the file's angle, relative."""
-    if not chain.snapped or unsnapped is None:
+    """Each snapped angle with its cost (`snapping.snapping_costs`)."""
+    if unsnapped is None:
         return []
-    low, high = chain.limits.T
-    q = low + (high - low) * np.random.default_rng(0).random((_JUDGE_POSTURES, chain.n))
-    J = kinematics.inertia_matrix(chain, q)
-    cost = {}
-    for k, joint in enumerate(chain.joints):
-        changed = (*chain.joints[:k], replace(unsnapped.joints[k]), *chain.joints[k + 1 :])
-        other = kinematics.inertia_matrix(replace(chain, joints=changed), q)
-        cost[joint.name] = float(np.abs(other - J).max() / np.abs(J).max())
     return [
-        {"joint": snap.joint, "from": snap.found, "to": snap.text, "cost": _digits(cost.get(snap.joint, 0.0), 2)}
-        for snap in chain.snapped
+        {"joint": snap.joint, "from": snap.found, "to": snap.text, "cost": _digits(cost, 2)}
+        for snap, cost in zip(chain.snapped, snapping_costs(chain, unsnapped), strict=True)
     ]
 
 
@@ -364,31 +362,32 @@ def chain_of_file(path: str | Path, **options: Any) -> tuple[Chain, Chain | None
 
 
 def chain_of_robot(robot: Robot) -> Chain:
-    """Returns the arm of a robot directory; every driven joint has its drive, of the kind that fits it.
+    """Returns the arm of a robot directory; each of its joints has its drive.
 
-    Raises UrdfError, or RobotError naming the joint whose drive is missing or has another unit.
+    Raises UrdfError, or RobotError naming the joint whose drive is missing or wrong (`Robot.check`).
     """
     chain = load_chain(robot.urdf, base=robot.base, tip=robot.tip, at=robot.at)
-    for joint in chain.joints:
-        if robot.drive(joint.name).linear != (joint.type == PRISMATIC):
-            unit = "N and m (K_N_per_m, ..)" if joint.type == PRISMATIC else "N m and rad (K_Nm_per_rad, ..)"
-            raise RobotError(f"{robot.path}: [joint.{joint.name}]: the URDF says {joint.type}; expected keys in {unit}")
-    extra = [drive.joint for drive in robot.drives if drive.joint not in (*chain.names, *chain.frozen)]
-    if extra:
-        raise RobotError(f"{robot.path}: [joint.{extra[0]}]: no such joint in the arm; it has {', '.join(chain.names)}")
+    for name in chain.names:
+        robot.drive(name)
+    robot.check(chain)
     return chain
+
+
+def text_of_arm(chain: Chain) -> str:
+    """Returns the arm's URDF text, from which anybody who parses it gets the same arm (`urdf.with_arm`)."""
+    return with_arm(chain)
 
 
 def write_J(model: Model, alpha: Array, path: Path) -> None:
     """Writes the CasADi function J (q [n]) -> [n, n] with the constants alpha [D] put in."""
     import casadi as ca
 
-    from symgen.emit import functions
+    from symgen.emit import functions, save
 
     q = ca.SX.sym("q", model.chain.n)
     J = functions(model.factoring)["J"](q, ca.DM(alpha))
     beside = path.with_name(f".{path.name}")
-    ca.Function("J", [q], [J], ["q"], ["J"]).save(str(beside))
+    save(ca.Function("J", [q], [J], ["q"], ["J"]), beside)
     beside.replace(path)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from symgen.chain import REVOLUTE, Array, Chain, placements, readonly
 from symgen.errors import PlanError
+from symgen.notation import entry_text
 from symgen.plan import Cell, Model, load_plan_cells
 from symgen.request import PLAN_FILE, model_for, recorded
 
@@ -33,6 +34,9 @@ _STYLE: dict[Any, Any] = {
 
 _WIDTH, _MARGIN, _TOP, _GAP = 12.0, 0.5, 0.75, 0.75
 _CHARTS, _STRIP, _SQUARE, _LEAST_COVERAGE, _COLUMNS = 2.2, 0.32, 1.5, 1.8, 8
+
+#: An arm all of whose points coincide is drawn as if it were this large [m].
+_POINT = 1e-3
 
 #: Where the arm is looked at from: azimuth and elevation.
 _VIEW = np.deg2rad([-55.0, 22.0])
@@ -149,7 +153,7 @@ def _amplification(axes: Axes, amplification: Sequence[float | None]) -> None:
             axes.bar(joint, value, 0.6, color=_EXCITED, gid=f"amplification-{joint}")
         axes.text(joint, value or 0.0, "open" if value is None else f"{value:.3g}", ha="center", va="bottom")
     axes.axhline(1.0, color=_MUTED, linewidth=0.8, linestyle="--")
-    axes.set_xticks(joints, [f"J_{joint}{joint}" if len(joints) < 10 else f"J_{joint}_{joint}" for joint in joints])
+    axes.set_xticks(joints, [entry_text(len(joints), k, k) for k in range(len(joints))])
     axes.set_ylim(0, 1.15 * max(highest, 1.0))
     axes.set_title("Error of J_ii(q) over the workspace, rms, per unit error of a measurement", loc="left")
 
@@ -221,7 +225,8 @@ class _Sticks:
         self.rows = -(-len(cells) // self.columns)
         self.sticks = [stick(chain, cell.q) for cell in cells]
         every = np.concatenate([s.points for s in self.sticks])
-        self.long = 0.07 * float(np.linalg.norm(np.ptp(every, axis=0)))  # half of a joint axis as drawn [m]
+        size = max(float(np.linalg.norm(np.ptp(every, axis=0))), _POINT)
+        self.long = 0.07 * size  # half of a joint axis as drawn [m]
         seen = np.concatenate([_seen(every), _seen(every * [1, 1, 0])])
         self.low, high = seen.min(axis=0) - self.long, seen.max(axis=0) + self.long
         self.width = (_WIDTH - 2 * _MARGIN) / self.columns
@@ -264,7 +269,7 @@ class _Sticks:
         _lines(axes, others, _MUTED, 1.0, f"axes-{k + 1}")
         _lines(axes, [at(arm.points)], _INK, 2.2, f"arm-{k + 1}")
         _lines(axes, [axis(joint)], _EXCITED, 3.2, f"excited-{k + 1}")
-        number = f"J_{joint + 1}{joint + 1}" if self.chain.n < 10 else f"J_{joint + 1}_{joint + 1}"
+        number = entry_text(self.chain.n, joint, joint)
         axes.text(x + 0.05, y + 0.1, f"{k + 1}  {number}{'  spare' if cell.spare else ''}", va="center", fontsize=7)
         values = [
             _value(one.type, q) if j > joint else "-"

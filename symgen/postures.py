@@ -23,25 +23,11 @@ from symgen.basis import Factoring
 from symgen.cells import Cells, Rows, every_joint, ranked, spread
 from symgen.chain import Array, readonly
 from symgen.forked import WORKERS, beside, standing
-from symgen.holding import MARGIN, MARGIN_PART, ROUNDING, Holding, Mask, box, home
+from symgen.holding import Holding, Mask, box
 from symgen.kicks import ENOUGH, POWER, enough
 from symgen.optimal import d_efficiency, further, optima
 from symgen.saturated import CANDIDATES, Merit, candidates
 from symgen.search import Better, Search, bettering, saturated
-
-__all__ = [
-    "MARGIN",
-    "MARGIN_PART",
-    "ROUNDING",
-    "Design",
-    "Effort",
-    "Mask",
-    "box",
-    "certificate",
-    "home",
-    "judged",
-    "plan",
-]
 
 Effort = Literal["draft", "quick", "full"]
 

@@ -111,6 +111,8 @@ def plan_for(urdf: Path, request: Request) -> plan.Plan:
     robot = _robot_of(urdf)
     drives = robot.drives if robot else ()
     chain, unsnapped = chain_for(urdf, request)
+    if robot:
+        robot.check(chain)
     choose = _chooser(request, chain)
     parsed = time.perf_counter() - start
     result = plan.make_plan(

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from symgen.chain import Array, readonly
+from symgen.chain import PRISMATIC, Array, Chain, readonly
 from symgen.errors import RobotError
+from symgen.urdf_tree import read_tree
 
 _MAX_BYTES = 1_000_000
 _WHOLE = 1e-9  # relative: fs/f0 of decimal numbers such as 1000/0.1 is whole up to a few roundings
@@ -87,6 +88,18 @@ class Robot:
                 return drive
         names = ", ".join(_key(drive.joint) for drive in self.drives)
         raise RobotError(f"{self.path}: joint {joint!r} has no [joint.<name>] table; expected one of {names}")
+
+    def check(self, chain: Chain) -> None:
+        """Raises RobotError naming the drive of no joint in the URDF (of the arm or not), or of another kind of joint."""
+        kinds = {joint.name: joint.type for joint in read_tree(chain.source).joints.values() if joint.actuated}
+        for drive in self.drives:
+            where, kind = f"{self.path}: [joint.{_key(drive.joint)}]", kinds.get(drive.joint)
+            if kind is None:
+                names = ", ".join(map(_key, kinds))
+                raise RobotError(f"{where}: no such joint in the URDF; its moving joints are {names}")
+            if drive.linear != (kind == PRISMATIC):
+                unit = "N and m (K_N_per_m, ..)" if kind == PRISMATIC else "N m and rad (K_Nm_per_rad, ..)"
+                raise RobotError(f"{where}: the URDF says {kind}; expected keys in {unit}")
 
 
 def load_robot(path: str | Path) -> Robot:

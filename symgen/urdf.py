@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from symgen import angles
 from symgen.chain import PRISMATIC, REVOLUTE, Array, Chain, Inertia, Joint, Snap, skew
 from symgen.errors import UrdfError
 from symgen.urdf_arm import Arm, choose_arm
-from symgen.urdf_tree import Body, RawJoint, Tree, read_tree
+from symgen.urdf_tree import Body, Choice, RawJoint, Tree, read_tree
 from symgen.urdf_xml import decode, read_bytes, shown
 
 # Principal moments of a body obey I1 + I2 >= I3 >= 0. In the 69 URDFs of example-robot-data every link either does so
@@ -41,7 +42,8 @@ def load_chain(
     data = read_bytes(path)
     try:
         text = decode(data)
-        return _chain(text, hashlib.sha256(data).hexdigest(), path.stem, base, tip, at or {}, snap)
+        stem = path.stem.encode(errors="replace").decode()  # the name of a file may be no text
+        return _chain(text, hashlib.sha256(data).hexdigest(), stem, Choice(base, tip, at or {}), snap)
     except UrdfError as error:
         raise UrdfError(f"{path}: {error}") from None
 
@@ -60,7 +62,7 @@ def parse_chain(
     `base` defaults to the root link, `tip` to the end of the longest run of moving joints that mimic no other, grippers
     left out. What lies before `base` is dropped; everything behind it that moves but is not on the way to `tip` is
     frozen where `at` {joint: rad or m} says, else at 0 or the limit next to 0 (or where it mimics), and lumped. `at`
-    may freeze joints of the arm as well. With `snap`, angles within 1e-4 rad of a multiple of pi/12 and axes within
+    may freeze joints of the arm as well. Without any of the three, what the text says itself (`with_arm`) counts. With `snap`, angles within 1e-4 rad of a multiple of pi/12 and axes within
     1e-4 rad of a coordinate axis are set exactly and reported in `Chain.snapped`; without it only those within
     1e-9 rad.
 
@@ -69,20 +71,46 @@ def parse_chain(
     """
     try:
         data = text.encode()
-        return _chain(text, hashlib.sha256(data).hexdigest(), "robot", base, tip, at or {}, snap)
+        return _chain(text, hashlib.sha256(data).hexdigest(), "robot", Choice(base, tip, at or {}), snap)
     except UnicodeEncodeError as error:
         raise UrdfError(f"{where}: not text: character {error.start} is a lone surrogate") from None
     except UrdfError as error:
         raise UrdfError(f"{where}: {error}") from None
 
 
-def _chain(
-    text: str, digest: str, stem: str, base: str | None, tip: str | None, at: Mapping[str, float], snap: bool
-) -> Chain:
+def with_arm(chain: Chain) -> str:
+    """Returns the chain's URDF text, which says itself which arm is meant where that is not the usual one: whoever parses it,
+    with no choice of his own, gets the same arm."""
+
+    def arm(text: str, choice: Choice) -> Chain | None:
+        try:
+            return _chain(text, chain.sha256, chain.name, choice, True)
+        except UrdfError:
+            return None
+
+    def same(other: Chain | None) -> bool:
+        ours, theirs = ((one.names, one.base_link, one.tip_link, one.frozen) if one else None for one in (chain, other))
+        return ours == theirs
+
+    if not chain.source or same(arm(chain.source, Choice())):
+        return chain.source
+    usual = arm(chain.source, Choice(chain.base_link, chain.tip_link))
+    stand = {name: value for name, value in chain.frozen.items() if usual is None or usual.frozen.get(name) != value}
+    rows = "".join(f"<at joint={quoteattr(name)} value={quoteattr(repr(value))}/>" for name, value in stand.items())
+    meant = f"<symgen base={quoteattr(chain.base_link)} tip={quoteattr(chain.tip_link)}>{rows}</symgen>\n"
+    end = chain.source.rindex("</robot")
+    text = f"{chain.source[:end]}{meant}{chain.source[end:]}"
+    if not same(arm(text, Choice())):
+        raise UrdfError(f"{chain.name}: its text can not be made to say which arm is meant")
+    return text
+
+
+def _chain(text: str, digest: str, stem: str, choice: Choice, snap: bool) -> Chain:
     tree = read_tree(text)
     if not any(tree.links.values()):
         raise UrdfError("no link has an <inertial>; expected the mass and inertia of every link that moves")
-    arm = choose_arm(tree, base, tip, at)
+    choice = tree.meant if choice == Choice() else choice
+    arm = choose_arm(tree, choice.base, choice.tip, choice.at)
     tolerance = angles.SNAP if snap else angles.ROUNDING
     placed, bodies, lumped = _lump(tree, arm, tolerance)
     _check_bodies(arm, bodies, tolerance)
@@ -132,7 +160,7 @@ def _moved(origin: _Pose, joint: RawJoint, value: float, tolerance: float) -> _P
 def _joint(raw: RawJoint, placed: _Pose, body: Inertia, tolerance: float) -> Joint:
     kind = PRISMATIC if raw.type == PRISMATIC else REVOLUTE
     axis, _ = angles.unit_axis(raw.axis, tolerance)
-    return Joint(raw.name, kind, *placed, axis, raw.child, body, raw.lower, raw.upper, raw.velocity, raw.effort)
+    return Joint(raw.name, kind, *placed, axis, raw.child, body, raw.lower, raw.upper, raw.effort)
 
 
 def _snaps(joint: RawJoint, body: Body | None, tolerance: float) -> list[Snap]:

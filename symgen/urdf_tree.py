@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import copysign, inf
 
 import numpy as np
@@ -40,8 +40,8 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False)
 class RawJoint:
-    """One <joint>: origin `xyz` [3, m], `rpy` [3, rad], `axis` [3] as written; limits in rad or m, rad/s or m/s and N m
-    or N, infinite where not stated."""
+    """One <joint>: origin `xyz` [3, m], `rpy` [3, rad], `axis` [3] as written; limits in rad or m and N m or N, infinite
+    where not stated."""
 
     name: str
     type: str
@@ -53,7 +53,6 @@ class RawJoint:
     mimic: Mimic | None = None
     lower: float = -inf
     upper: float = inf
-    velocity: float = inf
     effort: float = inf
 
     @property
@@ -66,9 +65,19 @@ class RawJoint:
         return self.type in _ACTUATED
 
 
+@dataclass(frozen=True)
+class Choice:
+    """Which arm of a file is meant: from link `base` to link `tip`, None the usual ones; joints `at` [rad or m] stand still."""
+
+    base: str | None = None
+    tip: str | None = None
+    at: Mapping[str, float] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """All links (name -> body, or None) and joints; `above` the joint over each link, `below` those under it."""
+    """All links (name -> body, or None) and joints; `above` the joint over each link, `below` those under it; the arm that the
+    file itself says is meant."""
 
     name: str
     root: str
@@ -76,6 +85,7 @@ class Tree:
     joints: Mapping[str, RawJoint]
     above: Mapping[str, RawJoint]
     below: Mapping[str, list[RawJoint]]
+    meant: Choice = Choice()
 
     def behind(self, link: str) -> Iterator[RawJoint]:
         """Yields every joint behind the link: depth first, in file order."""
@@ -113,7 +123,17 @@ def read_tree(text: str) -> Tree:
     for element in root.findall("joint"):
         name = _new_name(element, joints)
         joints[name] = _joint(element, name, links)
-    return _connected(root.get("name", ""), links, joints)
+    return replace(_connected(root.get("name", ""), links, joints), meant=_meant(root))
+
+
+def _meant(root: ET.Element) -> Choice:
+    """The arm that a <symgen base=".." tip=".."> element says is meant, its <at joint=".." value=".."/> where others stand."""
+    stated = only(root, "symgen", "<robot>")
+    if stated is None:
+        return Choice()
+    where = "<symgen>: <at>"
+    at = {attribute(one, "joint", where): number(attribute(one, "value", where), where) for one in stated.findall("at")}
+    return Choice(stated.get("base"), stated.get("tip"), at)
 
 
 def _new_name(element: ET.Element, taken: Mapping[str, object]) -> str:
@@ -180,16 +200,16 @@ def _mimic(joint: ET.Element, where: str) -> Mimic | None:
     return Mimic(attribute(mimic, "joint", where), multiplier, number(mimic.get("offset", "0"), f"{where} offset"))
 
 
-def _limit(joint: ET.Element, kind: str, where: str) -> tuple[float, float, float, float]:
-    """Returns (lower, upper, velocity, effort).
+def _limit(joint: ET.Element, kind: str, where: str) -> tuple[float, float, float]:
+    """Returns (lower, upper, effort).
 
     Unstated is infinite: no <limit>, no bound at all or four zeros (an exporter's blank), a continuous joint's angles,
-    a velocity or effort of 0, and anything beyond 1e6 (1e16 is an exporter's infinity). One bound alone makes the other
-    0, as the format says.
+    an effort of 0, and anything beyond 1e6 (1e16 is an exporter's infinity). One bound alone makes the other 0, as the
+    format says.
     """
     limit = only(joint, "limit", where)
     if limit is None:
-        return -inf, inf, inf, inf
+        return -inf, inf, inf
     where = f"{where}: <limit>"
     keys = ("lower", "upper", "velocity", "effort")
     lower, upper, velocity, effort = (number(limit.get(key, "0"), f"{where} {key}", _LARGEST_FLOAT) for key in keys)
@@ -203,9 +223,8 @@ def _limit(joint: ET.Element, kind: str, where: str) -> tuple[float, float, floa
         lower, upper = -inf, inf
     if lower > MAX_NUMBER or upper < -MAX_NUMBER:
         raise UrdfError(f"{where}: [{lower:g}, {upper:g}]; expected a range of rad or m")
-    bounds = (bound if abs(bound) <= MAX_NUMBER else copysign(inf, bound) for bound in (lower, upper))
-    speeds = (value if 0.0 < value <= MAX_NUMBER else inf for value in (velocity, effort))
-    return (*bounds, *speeds)  # type: ignore[return-value]
+    lower, upper = (bound if abs(bound) <= MAX_NUMBER else copysign(inf, bound) for bound in (lower, upper))
+    return lower, upper, effort if 0.0 < effort <= MAX_NUMBER else inf
 
 
 # The tree ------------------------------------------------------------------------------------------------------------

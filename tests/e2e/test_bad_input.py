@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -181,6 +182,40 @@ def test_symgen_leaves_nothing_on_a_full_disk(refused: Bench, monkeypatch: pytes
 
     monkeypatch.setattr(Path, "write_text", full)
     assert "No space left on device" in refused(symgen.cli.main, YPP3 / "ypp3.urdf", "-o", "out", *BRIEF)
+    assert "No space left on device" in refused(symgen.cli.main, YPP3 / "ypp3.urdf", "-o", "new/and/new", *BRIEF)
+
+
+def test_an_error_that_names_no_file_is_told_by_itself(refused: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("symgen.emit.write_all", full)
+    assert refused(symgen.cli.main, YPP3 / "ypp3.urdf", "-o", "out", *BRIEF) == "symgen: No space left on device"
+
+
+def test_symgen_writes_nothing_beside_its_directory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """DIR may be another file system, and its parent not ours to write in."""
+    (tmp_path / "out").mkdir()
+    before = os.stat(tmp_path).st_mtime_ns
+    assert symgen.cli.main([str(YPP3 / "ypp3.urdf"), "-o", str(tmp_path / "out"), *BRIEF]) == 0
+    assert os.stat(tmp_path).st_mtime_ns == before
+    assert not [path for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
+
+
+def test_names_that_can_not_be_shown_or_encoded_are_replaced(tmp_path: Path) -> None:
+    """A file name of bytes that are no UTF-8, a robot without a name, a joint with an umlaut, a terminal that knows ASCII."""
+    urdf, out = tmp_path / "arm\udcff.urdf", tmp_path / "out\udcff"
+    urdf.write_text(URDF.replace('<robot name="ypp3">', "<robot>").replace("joint2", "gelenk_ä"), encoding="utf-8")
+    command = [sys.executable, "-m", "symgen.cli", str(urdf), "-o", str(out), *BRIEF, "--draft"]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    for json_or_not in ([], ["--json"]):
+        done = subprocess.run([*command, *json_or_not], env=environment, capture_output=True, timeout=60, check=False)
+        assert (done.returncode, done.stderr) == (0, b"")
+        assert (b"gelenk_\\xe4" in done.stdout) == (not json_or_not)
+    document = json.loads(done.stdout)
+    assert (document["robot"], document["joints"][1]) == ("arm?", "gelenk_ä")
+    assert document["files"][0] == f"{out}/plan.json"
+    assert json.loads((out / "plan.json").read_text(encoding="utf-8"))["joints"][1] == "gelenk_ä"
 
 
 # robot.toml, by both commands ----------------------------------------------------------------------------------------
@@ -195,6 +230,7 @@ SETTINGS = {
     "empty": ("", "robot.toml: key 'robot' is missing"),
     "no drive": (TOML.replace("joint.joint3", "joint.elbow"), "robot.toml: joint 'joint3' has no .* table; .*elbow"),
     "other unit": (re.sub("K_Nm_per_rad(.*)\nD(.*)\nD_spring_Nms_per_rad", r"K_N_per_m\1\nD\2\nD_spring_Ns_per_m", TOML.replace("N = 100", "N_rad_per_m = 100")), r"\[joint.joint1\]: the URDF says revolute; expected"),
+    "drive of no joint": (TOML + TOML[TOML.index("[joint.joint3]"):].replace("joint3", "joint_3"), r"\[joint.joint_3\]: no such joint in the URDF"),
     "no such tip": (TOML.replace("believe_zeros = true", 'tip = "tool"'), "tip link 'tool' does not exist; links are"),
 }  # fmt: skip
 
@@ -211,7 +247,13 @@ def test_ident_refuses_a_bad_robot_toml(toml: str, expected: str, refused: Bench
     assert re.search(expected, refused(ident.cli.main, "simulate", robot_directory(toml), "-o", "campaign.h5"))
 
 
-@pytest.mark.parametrize("case", ["unknown key", "no unit", "missing key", "NaN", "not TOML", "empty", "no such tip"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        *("unknown key", "no unit", "missing key", "NaN", "not TOML", "empty", "no such tip"),
+        *("other unit", "drive of no joint"),
+    ],
+)
 def test_symgen_refuses_a_bad_robot_toml_beside_its_urdf(case: str, refused: Bench) -> None:
     toml, expected = SETTINGS[case]
     assert re.search(expected, refused(symgen.cli.main, robot_directory(toml) / "ypp3.urdf", "-o", "out"))

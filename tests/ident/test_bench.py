@@ -8,10 +8,11 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import expm
 
-from ident.bench import TORQUE_SHARE, prepare, simulate
+from ident.bench import TORQUE_SHARE, head, prepare, simulate
 from ident.campaign import Campaign, Record
 from ident.errors import ExperimentError
 from symgen.chain import Chain, Inertia
+from symgen.plan import make_model, model_of_urdf
 from symgen.robot import Drive, Experiment, Robot, load_robot
 from symgen.urdf import load_chain, parse_chain
 
@@ -253,6 +254,17 @@ GANTRY = """<robot name="gantry"><link name="base"/>
 <link name="cart"><inertial><mass value="8"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="wrist" type="continuous"><parent link="cart"/><child link="hand"/><axis xyz="1 0 0"/></joint>
 <link name="hand"><inertial><origin xyz="0 0.2 0"/><mass value="2"/><inertia ixx="0.02" iyy="0.01" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+
+
+def test_a_campaign_of_a_part_of_a_robot_is_of_that_part() -> None:
+    """A joint that stands still at an angle, and an arm that ends before the last link: whoever reads the campaign gets the same J(q)."""
+    chain = load_chain(ROBOT.urdf, tip="link2", at={"joint1": 0.7, "joint3": -0.4}, base="base_link")
+    part = head(chain, ROBOT, ())
+    q = np.linspace(-1.0, 1.0, 5)[:, None]
+    J, as_read = (make_model(chain).J_cad(q), model_of_urdf(part.urdf, part.joints).J_cad(q))
+    straight = model_of_urdf(chain.source, chain.names).J_cad(q)
+    np.testing.assert_array_equal(as_read, J)
+    assert np.abs(straight / J - 1.0).max() > 1e-3
 
 
 def test_a_vertical_rail_and_a_reversed_wrist() -> None:

@@ -120,6 +120,14 @@ def test_a_plan_file_is_played_with_its_robot(tmp_path: Path, capsys: pytest.Cap
     assert "another URDF" in capsys.readouterr().err
 
 
+def test_without_a_place_it_is_beside_the_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    home = tmp_path / "arm"
+    shutil.copytree(ROBOT, home)
+    assert main(["export-excitation", str(home), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["directory"] == str(home / "play")
+    assert (home / "play" / "map.toml").is_file()
+
+
 def test_what_can_not_be_played_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for constant in ("joint9=1", "joint1=0", "joint1", "joint1=nan"):
         arguments = ["export-excitation", str(ROBOT), "-o", str(tmp_path / "out"), "--torque-constant", constant]

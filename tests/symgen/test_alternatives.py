@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -19,8 +20,9 @@ from symgen.chain import PRISMATIC, REVOLUTE, Chain
 from symgen.cli import main
 from symgen.errors import NoPlanError, PlanError
 from symgen.feasible import Feasible
+from symgen.holding import Mask
 from symgen.judgement import infeasible, judged, undetermined
-from symgen.postures import Mask, plan
+from symgen.postures import plan
 from symgen.regressor import C_rows
 
 YPP3 = REPOSITORY / "robots/ypp3/ypp3.urdf"
@@ -262,6 +264,8 @@ def test_postures_are_read_from_csv_json_and_plans(tmp_path: Path) -> None:
         ("[1]", "not a file of postures: TypeError"),
         ('[{"joint": 3, "q": [0, 0, 0]}]', "cell 1: joint 3 at 3 values"),
         ('[{"joint": "joint3", "q": [[0], 0, 0]}]', "not a file of postures: TypeError"),
+        ('[{"joint": "joint3", "q": "000"}]', "not a file of postures: TypeError cell 1: q is no list"),
+        (f'[{{"joint": "joint3", "q": [{10**400}, 0, 0]}}]', "not a file of postures: OverflowError"),
         ("\x00\xff", "joint|postures"),
     ],
 )
@@ -271,6 +275,17 @@ def test_a_file_that_holds_no_postures_is_refused_in_one_line(text: str, message
     with pytest.raises(PlanError, match=message) as e:
         given(path, chain())
     assert str(e.value).startswith(f"{path}: ") and "\n" not in str(e.value)
+
+
+def test_a_joint_may_be_named_joint(tmp_path: Path) -> None:
+    joints = [replace(one, name=name) for one, name in zip(chain().joints, ("base", "tilt", "joint"), strict=True)]
+    odd = replace(chain(), joints=tuple(joints))
+    for heading in ("", "joint,q1,q2,q3\n", "Joint\n"):
+        (tmp_path / "a.csv").write_text(f"{heading}joint,0.5,0,0\ntilt,0,0,0\n")
+        assert given(tmp_path / "a.csv", odd)[0].joint.tolist() == [2, 1]
+    (tmp_path / "a.csv").write_text("joint,0.5,zero,0\ntilt,0,0,0\n")
+    with pytest.raises(PlanError, match="line 1: '0.5,zero,0' are not all numbers"):
+        given(tmp_path / "a.csv", odd)
 
 
 PAPER = [(2, 0, 0), (1, 0, 0), (1, 0, -90), (0, 0, 0), (0, 0, -90), (0, 90, 0)]

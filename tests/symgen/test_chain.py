@@ -70,3 +70,24 @@ def test_a_chain_is_read_only_and_stacks_its_bodies_from_base_to_tip() -> None:
     for array in (chain.parameters, chain.limits, joints[0].R, joints[0].axis, bodies[0].I):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "stated", "limits"),
+    [
+        (REVOLUTE, (-np.inf, np.inf), (-np.pi, np.pi)),
+        (PRISMATIC, (-np.inf, np.inf), (-1.0, 1.0)),
+        (REVOLUTE, (-4.0, np.inf), (-4.0, np.pi)),
+        (REVOLUTE, (4.0, np.inf), (4.0, 4.0 + np.pi)),
+        (REVOLUTE, (-np.inf, -3.5), (-3.5 - np.pi, -3.5)),
+        (PRISMATIC, (1.5, np.inf), (1.5, 2.5)),
+        (PRISMATIC, (-np.inf, -1.0), (-2.0, -1.0)),
+        (PRISMATIC, (-np.inf, 0.5), (-1.0, 0.5)),
+    ],
+)
+def test_an_unstated_limit_is_beyond_the_stated_one(
+    kind: str, stated: tuple[float, float], limits: tuple[float, float]
+) -> None:
+    body = random_body(np.random.default_rng(0))
+    joint = Joint("j", kind, np.eye(3), np.zeros(3), np.array([0, 0, 1]), "l", body, *stated)
+    assert joint.limits == pytest.approx(limits, rel=1e-15)

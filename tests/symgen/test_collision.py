@@ -67,6 +67,35 @@ def test_pairs_left_out_because_they_are_far_apart_do_not_touch(tmp_path: Path) 
     assert np.array_equal(found, expected)
 
 
+SIDE = """<link name="side"><collision><geometry><sphere radius="0.2"/></geometry></collision></link>
+ <joint name="side" type="{0}"><parent link="a"/><child link="side"/><origin xyz="0.3 0.1 0"/>
+  <limit lower="-1" upper="1" effort="9" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("kind", ["floating", "planar", "continuous", "prismatic"])
+def test_a_joint_of_any_kind_beside_the_arm_may_carry_shapes(tmp_path: Path, kind: str) -> None:
+    """A ball that stands on link a is hit where the same ball, fixed to it, is."""
+    path, found = tmp_path / "r.urdf", []
+    q = np.random.default_rng(0).uniform([-3, -0.6, -3], [3, 0.6, 3], (400, 3))
+    for one in ("fixed", kind):
+        path.write_text(SLIDING.replace("</robot>", SIDE.format(one)))
+        touches = SelfCollision(load_chain(path, tip="c"), path)
+        assert touches.note == "tested with 5 collision shapes"
+        found.append(touches(q))
+    assert 0.05 < found[0].mean() < 0.95 and np.array_equal(*found)
+
+
+@pytest.mark.parametrize(
+    ("hostile", "note"),
+    [("a\there", "tested with 4 collision shapes"), ("universe", "not tested: Pinocchio reads no joint 'universe'")],
+)
+def test_names_that_mean_something_else_elsewhere(tmp_path: Path, hostile: str, note: str) -> None:
+    path = tmp_path / "r.urdf"
+    path.write_text(SLIDING.replace('"j2"', f'"{hostile}"'))
+    touches = SelfCollision(load_chain(path), path)
+    assert touches.note == note and touches(np.zeros((2, 3))).shape == (2,)
+
+
 def test_what_a_library_prints_by_itself_is_not_seen(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     pin = pytest.importorskip("pinocchio")
     noisy = '<robot name="r"><link name="a"><visual><geometry><box size="x"/></geometry></visual></link></robot>'

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from symgen.basis import factor
+from symgen.cells import spread
 from symgen.chain import Chain
 from symgen.columns import plan_columns
-from symgen.postures import box
+from symgen.errors import NoPlanError
+from symgen.holding import Holding, box
 from symgen.regressor import J_rows
 from symgen.urdf import load_chain
 
@@ -65,3 +67,25 @@ def test_a_mask_is_obeyed_and_the_plan_is_the_same_twice(chain: Chain) -> None:
     again = plan_columns(factoring, feasible=lambda q: q[:, 1] > 0)
     np.testing.assert_array_equal(plan.q, again.q)
     assert len(plan_columns(factoring, most=9, amplification=0.0).joint) == 9
+
+
+@pytest.mark.parametrize("narrow", [0.08, 0.04])
+def test_postures_are_found_where_hardly_any_is_held(chain: Chain, narrow: float) -> None:
+    """Two of the first 250 looked at lie within so much of the limits' span of a posture, or none."""
+    centre, (low, high) = np.array([0.4, -0.7, 1.1]), chain.limits.T
+
+    def held(q: np.ndarray) -> np.ndarray:
+        return (np.abs(q - centre) / (high - low) < narrow).all(axis=1)
+
+    assert held(spread(box(chain.limits), 250, 0.5)).sum() == {0.08: 2, 0.04: 0}[narrow]
+    plan = plan_columns(factor(chain), feasible=held)
+    assert np.isfinite(plan.amplification).all() and held(plan.q).all()
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_where_there_is_no_column_plan_it_is_said_in_one_line(chain: Chain, count: int) -> None:
+    """No posture that is held, or one, to which three of the seven runs that are needed go."""
+    some = Holding(chain, box(chain.limits), None).found(10_000)[:count]
+    with pytest.raises(NoPlanError, match="^ypp3_general: no column plan: the postures .* all 13 constants") as caught:
+        plan_columns(factor(chain), feasible=lambda q: np.isin(q, some).all(axis=1))
+    assert "\n" not in str(caught.value)

@@ -20,7 +20,7 @@ from arms import arm, crba, factoring_of, model_of, random_arm
 
 from symgen.basis import factor
 from symgen.chain import Chain, Inertia
-from symgen.emit import functions, identifier, trigonometric_functions, write_all, write_functions
+from symgen.emit import functions, identifier, save, trigonometric_functions, write_all, write_functions
 from symgen.errors import SymgenError
 from symgen.graph import carriers
 from symgen.inertia import parameter_scale
@@ -201,6 +201,15 @@ def test_the_last_bit_of_the_processor_does_not_show(name: str, tmp_path: Path) 
         write_functions(replace(factoring, W=W), tmp_path / directory, name)
     assert (factoring.W != factoring.W * noise).any()
     assert digests(tmp_path / "here") == digests(tmp_path / "there")
+
+
+def test_functions_are_written_as_casadi_writes_them_and_a_full_disk_is_told(tmp_path: Path) -> None:
+    J = functions(factoring_of("ypp3"))["J"]
+    J.save(str(tmp_path / "theirs"))
+    save(J, tmp_path / "ours")
+    assert (tmp_path / "ours").read_bytes() == (tmp_path / "theirs").read_bytes()
+    with pytest.raises(OSError, match="No space left"):
+        save(J, Path("/dev/full"))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from arms import arm, crba, factoring_of, model_of, random_arm
 from symgen.basis import Factoring, factor
 from symgen.chain import Chain, Joint, Snap
 from symgen.equations import equations_md, equations_tex
-from symgen.notation import alpha_latex, angle_subscript, terms
+from symgen.notation import alpha_latex, angle_subscript, entry_text, terms
 
 #: Coefficients are printed with six significant digits.
 SIX_DIGITS = 5e-6
@@ -119,6 +119,7 @@ def test_opposite_parallel_axes_subtract() -> None:
 
 
 def test_subscripts_of_ten_joints_stay_readable() -> None:
+    assert [entry_text(9, 0, 8), entry_text(10, 0, 1), entry_text(12, 0, 11)] == ["J_19", "J_1_2", "J_1_12"]
     assert angle_subscript(((8, 1), (9, 1))) == "_{9+10}"
     assert angle_subscript(((8, 1), (9, -1))) == "_{9-10}"
     assert angle_subscript(((1, 1), (2, 1), (3, -1))) == "_{23-4}"

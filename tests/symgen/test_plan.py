@@ -85,6 +85,28 @@ def test_snapped_angles_are_stated_with_their_cost() -> None:
     assert 1e-8 < max(row["cost"] for row in snapped) < 1e-5
 
 
+def test_what_snapping_a_flange_or_an_inertial_frame_costs_is_stated_too() -> None:
+    """Pinocchio tells what all of them change together; joint3, which the flange places, changes as much by itself."""
+    flange = '<link name="flange"/><joint name="to flange" type="fixed"><origin rpy="1.5708 0 0"/>'
+    flange += '<parent link="link2"/><child link="flange"/></joint><joint name="joint3"'
+    text = arm("ypp3").source.replace('<joint name="joint3"', flange)
+    text = text.replace(
+        '<parent link="link2"/>\n    <child link="link3"/>', '<parent link="flange"/><child link="link3"/>'
+    )
+    text = text.replace('<origin xyz="0 0.17 0"/>', '<origin xyz="0 0.17 0" rpy="1.5708 0 0"/>')
+    chain, unsnapped = parse_chain(text), parse_chain(text, snap=False)
+    q = postures(chain, 200)
+    expected = np.abs(judge(chain, q) - judge(unsnapped, q)).max() / np.abs(judge(chain, q)).max()
+    found = make_plan(chain, unsnapped=unsnapped, spare=0, effort="draft").document["snapped"]
+    assert [row["joint"] for row in found] == ["link2 (inertial)", "to flange"]
+    assert [row["cost"] for row in found] == pytest.approx([expected] * 2, rel=0.1)  # two digits
+
+
+def test_the_time_of_each_stage_is_told() -> None:
+    plan = make_plan(arm("ypp3"), believe_zeros=True, spare=0, effort="draft")
+    assert list(plan.seconds) == ["derive", "rank", "plan"] and min(plan.seconds.values()) > 0
+
+
 def test_a_plan_file_gives_its_cells_back(paper: Plan, tmp_path: Path) -> None:
     paper.write(tmp_path / "plan.json")
     cells = load_plan_cells(tmp_path / "plan.json", paper.model)
@@ -121,6 +143,8 @@ def broken(change: Callable[[dict[str, Any]], object]) -> Callable[[str], str]:
         ),
         (broken(lambda d: d["plan"].pop("cells")), "not a plan file: KeyError 'cells'"),
         (broken(lambda d: d["plan"]["cells"][2].update(q=["north", 0, 0])), "not a plan file"),
+        (broken(lambda d: d["plan"]["cells"][2].update(q=[10**400, 0, 0])), "not a plan file: OverflowError"),
+        (lambda text: "[" * 100_000, "not a plan file: RecursionError"),
         (broken(lambda d: d["plan"].update(cells=[{}])), "not a plan file"),
         (
             broken(lambda d: d["plan"]["cells"][1].update(joint="wrist")),
@@ -209,4 +233,12 @@ def test_a_drive_for_no_joint_of_the_arm_is_named(tmp_path: Path) -> None:
     (tmp_path / "ypp3.urdf").write_text(arm("ypp3").source, encoding="utf-8")
     (tmp_path / "robot.toml").write_text(source.replace("[joint.joint2]", "[joint.joint9]"), encoding="utf-8")
     with pytest.raises(RobotError, match="joint2|joint9"):
+        chain_of_robot(load_robot(tmp_path / "robot.toml"))
+    (tmp_path / "robot.toml").write_text(
+        source + source[source.index("[joint.joint2]") : source.index("[joint.joint3]")].replace("joint2", "joint9"),
+        encoding="utf-8",
+    )
+    with pytest.raises(
+        RobotError, match=r"\[joint.joint9\]: no such joint in the URDF; its moving joints are joint1, "
+    ):
         chain_of_robot(load_robot(tmp_path / "robot.toml"))

@@ -14,7 +14,7 @@ import pytest
 from arms import arm, model_of
 from chains import REPOSITORY, general_chain, own, postures
 
-from symgen.chain import Chain
+from symgen.chain import Chain, Inertia
 from symgen.cli import main
 from symgen.plan import Cell, make_model, make_plan
 from symgen.plot import draw, stick
@@ -131,6 +131,18 @@ def test_the_shortest_arms_are_drawn(n: int) -> None:
     groups = ids(svg)
     assert sum(name.startswith("arm-") for name in groups) == len(plan.cells)
     assert not [name for name in groups if name.startswith("pair-")], "no J_ii depends on the first joint"
+
+
+def test_a_bench_of_one_joint_all_at_one_point_is_drawn() -> None:
+    """A balanced disk on a motor at the origin: only its axis has a length."""
+    (joint,) = general_chain(3, 1).joints
+    disk = Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 2.0]))
+    bench = Chain("bench", (replace(joint, p=np.zeros(3), inertia=disk),), "base", "disk")
+    plan = make_plan(bench, spare=0)
+    svg = draw(plan.model, plan.cells, plan.document["plan"]["amplification_per_joint"])
+    assert "nan" not in svg and "inf" not in svg
+    (start, end), arm_drawn = points(svg, "excited-1"), points(svg, "arm-1")
+    assert np.linalg.norm(end - start) > 20 and np.ptp(arm_drawn, axis=0).max() == 0.0
 
 
 # The command ---------------------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from symgen.chain import PRISMATIC
 from symgen.errors import RobotError
 from symgen.robot import Drive, Experiment, load_robot
 from symgen.urdf import load_chain
@@ -260,3 +261,32 @@ def test_what_is_no_toml_file_is_refused(tmp_path: Path) -> None:
     }.items():
         with pytest.raises(RobotError, match=expected):
             load_robot(tmp_path / name)
+
+
+def test_drives_are_those_of_the_files_joints_whatever_the_arm() -> None:
+    """A shorter arm needs no shorter robot.toml; a name or a kind that the file has not is told."""
+    robot = load_robot(YPP3.parent / "scara4")
+    chain = load_chain(robot.urdf)
+    for part in (
+        chain,
+        load_chain(robot.urdf, base=chain.joints[1].link),
+        load_chain(robot.urdf, tip=chain.joints[1].link),
+    ):
+        robot.check(part)
+    slide = next(k for k, joint in enumerate(chain.joints) if joint.type == PRISMATIC)
+    for k, change, expected in (
+        (
+            0,
+            {"joint": "joint_1"},
+            r"\[joint.joint_1\]: no such joint in the URDF; its moving joints are joint1, joint2, ",
+        ),
+        (0, {"linear": True}, r"\[joint.joint1\]: the URDF says revolute; expected keys in N m and rad"),
+        (
+            slide,
+            {"linear": False},
+            rf"\[joint.{chain.names[slide]}\]: the URDF says prismatic; expected keys in N and m",
+        ),
+    ):
+        drives = tuple(dataclasses.replace(d, **change) if i == k else d for i, d in enumerate(robot.drives))  # type: ignore[arg-type]
+        with pytest.raises(RobotError, match=expected):
+            dataclasses.replace(robot, drives=drives).check(chain)

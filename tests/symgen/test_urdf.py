@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +18,7 @@ from arms import model_of
 from symgen.angles import about
 from symgen.chain import REVOLUTE, Chain, Joint
 from symgen.errors import UrdfError
-from symgen.urdf import load_chain, parse_chain
+from symgen.urdf import load_chain, parse_chain, with_arm
 
 ROBOTS = Path(pin.__file__).parents[4] / "share/example-robot-data/robots"
 YPP3 = Path(__file__).parents[2] / "robots/ypp3/ypp3.urdf"
@@ -293,7 +294,7 @@ def limited(limit: str, kind: str = "revolute") -> Joint:
 def test_limits_are_infinite_where_the_file_states_none() -> None:
     inf = np.inf
     stated = limited('<limit lower="-1" upper="2" effort="3" velocity="4"/>')
-    assert (stated.lower, stated.upper, stated.effort, stated.velocity) == (-1.0, 2.0, 3.0, 4.0)
+    assert (stated.lower, stated.upper, stated.effort) == (-1.0, 2.0, 3.0)
     for unstated in (
         limited(""),
         limited('<limit effort="0" velocity="0"/>'),
@@ -301,7 +302,7 @@ def test_limits_are_infinite_where_the_file_states_none() -> None:
         limited('<limit lower="-1e16" upper="1e16" effort="1e10" velocity="1e16"/>'),
         limited('<limit lower="-1" upper="1" effort="0" velocity="0"/>', "continuous"),
     ):
-        assert (unstated.lower, unstated.upper, unstated.effort, unstated.velocity) == (-inf, inf, inf, inf)
+        assert (unstated.lower, unstated.upper, unstated.effort) == (-inf, inf, inf)
 
 
 def test_axes_become_unit_vectors_and_near_coordinate_axes_exact_ones() -> None:
@@ -320,6 +321,37 @@ def test_a_chain_carries_its_source_and_that_reads_back_the_same() -> None:
     again = parse_chain(chain.source)
     assert (again.sha256, again.name, again.names) == (chain.sha256, "ypp3", ("joint1", "joint2", "joint3"))
     np.testing.assert_array_equal(again.parameters, chain.parameters)
+
+
+@pytest.mark.parametrize(
+    ("text", "choice"),
+    [
+        (robot("j revolute a b"), {}),
+        (robot("one revolute a b", "two revolute b c", "three revolute c d"), {"at": {"two": 0.3}}),
+        (robot("one revolute a b", "two revolute b c", "three revolute c d"), {"base": "b", "tip": "c"}),
+        (robot("left revolute a b", "right revolute a c"), {"tip": "c", "at": {"left": -0.25}}),
+        (robot("free floating world a", "one revolute a b", "two prismatic b c"), {"base": "a"}),
+        (robot("one revolute a b", "two revolute b c").replace('"two"', '"two &amp; &quot;\'"'), {"at": {"two & \"'": 0.2}}),
+        (robot("one revolute a b", "two revolute b c", "half revolute c d").replace("</robot>", "<!-- </robot> --></robot>"),
+         {"at": {"half": 0.1}}),
+    ],
+)  # fmt: skip
+def test_a_text_with_its_arm_reads_back_the_same_arm(text: str, choice: dict[str, Any]) -> None:
+    chain = parse_chain(text, **choice)
+    again = parse_chain(with_arm(chain))
+    assert (with_arm(chain) == text) == (not choice)
+    assert (again.names, again.base_link, again.tip_link, again.frozen) == (
+        chain.names, chain.base_link, chain.tip_link, chain.frozen,
+    )  # fmt: skip
+    np.testing.assert_array_equal(again.parameters, chain.parameters)
+    assert with_arm(again) == again.source
+
+
+def test_who_chooses_an_arm_himself_is_heard() -> None:
+    text = with_arm(parse_chain(robot("one revolute a b", "two revolute b c"), at={"two": 0.3}))
+    assert parse_chain(text, tip="c").names == ("one", "two")
+    with pytest.raises(UrdfError, match="<symgen>: <at>: found .much."):
+        parse_chain(text.replace('value="0.3"', 'value="much"'))
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1", "windows-1252"])
