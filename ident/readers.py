@@ -1,4 +1,4 @@
-"""Files of other programs as named arrays of numbers: MAT, CSV, NPZ, HDF5. What is no number is left out.
+"""Files of other programs as named arrays of numbers: MAT, CSV, NPZ, HDF5, MCAP. What is no number is left out.
 
 The campaign file has its own door, `store`; these files are foreign and are only read.
 """
@@ -42,13 +42,13 @@ def read_variables(path: str | Path) -> Variables:
     """Returns every array of real numbers in the file, by name, with at most two dimensions.
 
     Fields of a MATLAB struct are called `log.q`, datasets of an HDF5 group `log/q`, columns of a CSV file by their
-    heading or, without one, by their number from 1. A vector stored as one row or one column is [T]. The kind is told by
+    heading or, without one, by their number from 1, fields of an MCAP topic as in `mcap_topics`. A vector stored as one row or one column is [T]. The kind is told by
     the content, not by the name. ImportingError, one line that starts with the path, for what can not be read.
     """
     path = Path(path)
     try:
         if not path.is_file():
-            raise ImportingError(f"{path}: no such file; expected a record (MAT, CSV, NPZ or HDF5)")
+            raise ImportingError(f"{path}: no such file; expected a record (MAT, CSV, NPZ, HDF5 or MCAP)")
         with path.open("rb") as file:
             head = file.read(1024)
         kind, reader = _reader(path, head)
@@ -67,7 +67,7 @@ def read_variables(path: str | Path) -> Variables:
 
 def _reader(path: Path, head: bytes) -> tuple[str, Callable[[Path], Iterator[tuple[str, Array]]]]:
     if head.startswith(_MCAP):
-        raise ImportingError(f"{path}: an MCAP file; expected MAT, CSV, NPZ or HDF5: export its topics to CSV first")
+        return "MCAP", _mcap
     if head.startswith(_MAT73) or (_HDF5 in (head[:8], head[512:520]) and path.suffix.lower() == ".mat"):
         return "MAT 7.3", _mat73
     if head.startswith(_HDF5):
@@ -77,11 +77,11 @@ def _reader(path: Path, head: bytes) -> tuple[str, Callable[[Path], Iterator[tup
     if head.startswith(b"MATLAB") or path.suffix.lower() == ".mat":
         return "MAT", _mat
     if b"\0" in head:
-        raise ImportingError(f"{path}: a binary file of unknown kind; expected MAT, CSV, NPZ or HDF5")
+        raise ImportingError(f"{path}: a binary file of unknown kind; expected MAT, CSV, NPZ, HDF5 or MCAP")
     return "CSV", _csv
 
 
-# MAT, NPZ, HDF5 -------------------------------------------------------------------------------------------------------
+# MAT, NPZ, HDF5, MCAP -------------------------------------------------------------------------------------------------------
 
 
 def _mat(path: Path) -> Iterator[tuple[str, Array]]:
@@ -118,6 +118,12 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Array]]:
     for name, dataset in _datasets(path):
         if (array := _numbers(dataset[()])) is not None:
             yield name, array
+
+
+def _mcap(path: Path) -> Iterator[tuple[str, Array]]:
+    from ident.mcap_topics import read_topics
+
+    return read_topics(path)
 
 
 def _mat73(path: Path) -> Iterator[tuple[str, Array]]:
@@ -176,7 +182,9 @@ def _first_row(path: Path, head: list[str]) -> tuple[int, str | None, bool]:
             cells = _split(line.replace(",", ".") if comma else line, separator)
             if cells and not line.lstrip().startswith("#") and all(map(_is_number, cells)):
                 return k, separator, comma
-    raise ImportingError(f"{path}: no row of numbers in the first {len(head)} lines; expected MAT, CSV, NPZ or HDF5")
+    raise ImportingError(
+        f"{path}: no row of numbers in the first {len(head)} lines; expected MAT, CSV, NPZ, HDF5 or MCAP"
+    )
 
 
 def _heading(above: list[str], separator: str | None, count: int) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from collections.abc import Callable
@@ -12,6 +13,9 @@ import h5py
 import numpy as np
 import pytest
 import synthetic
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from mcap_ros2.writer import Writer as RosWriter
 from scipy.io import savemat
 
 from ident.campaign import Record
@@ -29,6 +33,20 @@ from symgen.plan import model_of_urdf
 URDF = Path(__file__).parents[2] / "robots/ypp3/ypp3.urdf"
 GAINS = [[0.05, 0.005]] * 3
 POSTURE = [0.1, 0.4, -0.3]
+JOINT_STATE = f"""std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+{"=" * 80}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{"=" * 80}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
 LINES = np.delete(np.arange(5, 240, 2), slice(3, None, 7))
 
 
@@ -128,6 +146,73 @@ def test_binary_files_with_a_column_a_joint(kind: str, truth: Record, tmp_path: 
 def test_text_files_of_all_countries(separator: str, decimal: str, truth: Record, tmp_path: Path) -> None:
     file = csv(tmp_path / "record.csv", truth, separator, decimal)
     same(brought(tmp_path, NAMED + 'time = {name = "t", unit = "s"}\n', file), truth)
+
+
+def bag(path: Path, record: Record, compression: CompressionType = CompressionType.ZSTD) -> Path:
+    """As ROS 2 records it: one JointState a sample, a topic that is no number, one that nobody can decode."""
+    start = 1_700_000_000 * 10**9 + 999_500_000  # seconds change between two samples
+    with path.open("wb") as stream:
+        writer = RosWriter(stream, compression=compression)
+        states = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+        words = writer.register_msgdef("std_msgs/msg/String", "string data")
+        writer.write_message("/log", words, {"data": "begin"}, log_time=start, publish_time=start)
+        for k, (theta, tau) in enumerate(zip(record.theta, record.tau, strict=True)):
+            t = start + k * 10**9 // int(synthetic.FS)
+            header = {"stamp": {"sec": t // 10**9, "nanosec": t % 10**9}, "frame_id": ""}
+            state = {
+                "name": ["joint1", "joint2", "joint3"],
+                "position": theta.tolist(),
+                "velocity": [],
+                "effort": tau.tolist(),
+            }
+            writer.write_message("/joint_states", states, {"header": header, **state}, log_time=t, publish_time=t)
+        writer.finish()
+    return path
+
+
+def test_bags_of_ros_2(truth: Record, tmp_path: Path) -> None:
+    torque, angle = '"joint_states/effort/joint@", unit = "Nm"', '"joint_states/position/joint@", unit = "rad"'
+    text = three_joints(f"{{name = {torque}}}", f"{{name = {angle}}}")
+    text += 'time = {name = "joint_states/header/stamp", unit = "s"}\n'
+    same(brought(tmp_path, text, bag(tmp_path / "record.mcap", truth)), truth)
+    guessed = guess([tmp_path / "record.mcap"], URDF)
+    assert "joint_states/effort/joint2" in guessed and "joint_states/header/stamp" in guessed
+
+
+def test_json_topics_of_an_mcap_file_and_what_is_left_out(tmp_path: Path) -> None:
+    with (tmp_path / "x.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        schema = writer.register_schema("any", "jsonschema", b"{}")
+        topics = {
+            name: writer.register_channel(f"/{name}", kind, schema)
+            for name, kind in (("drive", "json"), ("p", "protobuf"))
+        }
+        for k in range(3):
+            message = {"on": True, "pair": [k, 2.5], "ragged": [0] * k, "axes": [{"i": k}, {"i": -k}], "text": "t"} | (
+                {"once": 1} if k == 1 else {}
+            )
+            for topic in topics.values():
+                writer.add_message(topic, log_time=k * 10**9, publish_time=0, data=json.dumps(message).encode())
+        writer.finish()
+    found = read_variables(tmp_path / "x.mcap")
+    assert set(found) == {f"drive/{name}" for name in ("log_time", "on", "pair", "axes/1/i", "axes/2/i")}
+    np.testing.assert_array_equal(found["drive/pair"], [[0, 2.5], [1, 2.5], [2, 2.5]])
+    np.testing.assert_array_equal(found["drive/axes/2/i"], [0, -1, -2])
+    np.testing.assert_array_equal(found["drive/log_time"], [0, 1, 2])
+
+
+def test_an_mcap_file_of_other_messages_says_which(tmp_path: Path) -> None:
+    with (tmp_path / "x.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        topic = writer.register_channel("/states", "protobuf", writer.register_schema("any", "protobuf", b""))
+        writer.add_message(topic, log_time=0, publish_time=0, data=b"\x01")
+        writer.finish()
+    with pytest.raises(
+        ImportingError, match=r"x.mcap: no topic that can be decoded, but /states \(protobuf\); expected"
+    ):
+        read_variables(tmp_path / "x.mcap")
 
 
 def test_units_signs_sides_and_zeros_are_undone(truth: Record, tmp_path: Path) -> None:
@@ -295,12 +380,12 @@ def test_files_that_are_none(content: bytes, says: str, tmp_path: Path) -> None:
     assert says in str(caught.value) and "x.dat" in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("kind", ["npz", "mat73", "h5", "csv"])  # scipy itself can crash on a damaged MAT file
+@pytest.mark.parametrize("kind", ["npz", "mat73", "h5", "csv", "mcap"])  # scipy itself can crash on a damaged MAT file
 def test_damaged_files_end_in_one_line(kind: str, truth: Record, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     short = replace(truth, periods=1, tau=truth.tau[:300], theta=truth.theta[:300])
     file = tmp_path / f"record.{'mat' if kind == 'mat73' else kind}"
-    (csv if kind == "csv" else WRITERS[kind][1])(file, short)
+    {"csv": csv, "mcap": bag}.get(kind, WRITERS.get(kind, ("", csv))[1])(file, short)
     sound, refused = file.read_bytes(), 0
     for k in range(60):
         damaged = bytearray(sound[: rng.integers(len(sound))] if k % 2 else sound)

@@ -1,0 +1,115 @@
+"""The topics of an MCAP file as named arrays of numbers: rosbag2 of ROS 2 (CDR by ros2msg), and JSON messages.
+
+One row a message. What a message names by strings (`name` of a JointState) is a signal of its own: `joint_states/position/elbow`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.errors import ImportingError
+
+#: The two fields of a time, in ROS 2 and as ROS 1 calls them.
+_STAMPS = (("sec", "nanosec"), ("secs", "nsecs"))
+
+Decoder = Callable[[bytes], Any]
+
+
+def read_topics(path: Path) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """Yields every number of every topic that can be decoded: `topic/field` [T] or [T, m] over its T messages.
+
+    Stamps and, behind them, `topic/log_time` are seconds since the first of theirs. What is not in every message of a topic, or changes its
+    length, is left out. ImportingError if nothing in the file can be decoded, or it ends in the middle.
+    """
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+    from zstandard import ZstdError
+
+    topics: dict[str, dict[str, list[Any]]] = {}
+    decoders: dict[int, Decoder | None] = {}
+    unknown: set[str] = set()
+    try:
+        with path.open("rb") as stream:
+            for schema, channel, message in make_reader(stream).iter_messages():
+                if channel.id not in decoders:
+                    decoders[channel.id] = _decoder(channel.message_encoding, schema)
+                    if decoders[channel.id] is None:
+                        unknown.add(f"{channel.topic} ({channel.message_encoding or 'no encoding'})")
+                decode = decoders[channel.id]
+                if decode is not None:
+                    columns = topics.setdefault(channel.topic.strip("/"), {})
+                    for name, value in (*_numbers(decode(message.data), ""), ("log_time", message.log_time)):
+                        columns.setdefault(name, []).append(value)
+    except (McapError, ZstdError) as error:
+        raise ImportingError(f"{path}: not a readable MCAP file: {error or type(error).__name__}") from None
+    if unknown and not topics:
+        raise ImportingError(
+            f"{path}: no topic that can be decoded, but {', '.join(sorted(unknown)[:5])}; expected ROS 2 messages (cdr by ros2msg) or JSON"
+        )
+    for topic, columns in topics.items():
+        for name, values in columns.items():
+            if len(values) == len(columns["log_time"]) and len(set(map(np.shape, values))) == 1:
+                yield f"{topic}/{name}", _since_first(values) if isinstance(values[0], int) else np.array(values, float)
+
+
+def _since_first(nanoseconds: Sequence[int]) -> NDArray[np.float64]:
+    """Times as seconds since the first: as they are, floats would round them to a quarter of a microsecond."""
+    return np.array([1e-9 * (one - nanoseconds[0]) for one in nanoseconds])
+
+
+def _decoder(encoding: str, schema: Any) -> Decoder | None:
+    """What makes a message of bytes; None for what nobody here can read."""
+    from mcap_ros2.decoder import DecoderFactory
+
+    return json.loads if encoding == "json" else DecoderFactory().decoder_for(encoding, schema)
+
+
+def _numbers(message: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """The numbers of a message by name: floats, lists of floats, and times as whole nanoseconds."""
+    fields = _fields(message)
+    if fields is None:
+        yield from _number(message, name)
+        return
+    for sec, nanosec in _STAMPS:
+        if set(fields) == {sec, nanosec}:
+            yield name, int(fields[sec]) * 10**9 + int(fields[nanosec])
+            return
+    labels = [value for value in fields.values() if _is_list(value) and len(value) and _are(value, str)]
+    for key, value in fields.items():
+        here = f"{name}/{key}" if name else key
+        if not _is_list(value):
+            yield from _numbers(value, here)
+            continue
+        own = next((label for label in labels if len(label) == len(value)), None)
+        if own is None and _are(value, int | float):
+            yield here, [float(one) for one in value]
+            continue
+        for label, one in zip(own or range(1, len(value) + 1), value, strict=True):
+            yield from _numbers(one, f"{here}/{label}")
+
+
+def _number(value: Any, name: str) -> Iterator[tuple[str, float]]:
+    if isinstance(value, int | float):
+        yield name, float(value)
+
+
+def _is_list(value: Any) -> bool:
+    return hasattr(value, "__len__") and not isinstance(value, str | bytes | Mapping)
+
+
+def _are(values: Iterable[Any], kind: Any) -> bool:
+    return all(isinstance(value, kind) for value in values)
+
+
+def _fields(message: Any) -> Mapping[str, Any] | None:
+    """The fields of a message, decoded from CDR or JSON; None for a single value."""
+    if isinstance(message, Mapping):
+        return message
+    names = getattr(message, "__slots__", None)
+    return None if names is None else {name: getattr(message, name) for name in names if not name.startswith("_")}
