@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 from pathlib import Path
 
 from ident.commands import add as commands_of_a_machine
@@ -43,6 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # of a name that the terminal can not show
     options = _parser().parse_args(arguments)
     try:
         _check(options)
@@ -51,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (IdentError, SymgenError) as error:
         return _failed(str(error))
     except OSError as error:
-        return _failed(f"{error.filename}: {error.strerror}")
+        return _failed(": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None))
     except KeyboardInterrupt:
         _failed("interrupted; records that are done stay, the same command goes on there")
         return 130

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
-from dataclasses import replace
+import time
+from collections.abc import Callable, Mapping
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +50,8 @@ def add(command: NewCommand) -> None:
     )
     diagnose.add_argument(
         "--baseline", metavar="OTHER.h5",
-        help="the same robot earlier: what is found there already is declared, only what has changed since is told",
+        help="the same robot earlier: its drives and links as found there are the declared ones; effects that it has already are "
+        "found again, and said to be old",
     )  # fmt: skip
     diagnose.add_argument(
         "--believe-zeros", action=argparse.BooleanOptionalAction, default=None,
@@ -74,7 +76,7 @@ def _diagnose(options: argparse.Namespace) -> int:
     document = _diagnosed(options)
     out = Path(options.out)
     if options.json:
-        print(json.dumps(document, ensure_ascii=False))
+        print(json.dumps(document))
     else:
         print(text(document, options.brief))
         print(f"\nReport:  {out / 'report.html'}")
@@ -85,45 +87,64 @@ def _diagnose(options: argparse.Namespace) -> int:
 
 def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     """Diagnoses and writes everything; the verdict."""
-    from ident.baseline import declared_by
     from ident.diagnosis_json import FILE, result_document, verdict_document, write
     from ident.diagnosis_report import html
-    from ident.either_model import diagnose_either
+    from ident.inputs import joined, told
     from ident.plain import replace_file
-    from ident.store import read_campaign
-    from symgen.forked import WORKERS
 
-    campaign = _joined(options.campaign)
-    say, seconds = progress.line(options), 60.0 * options.minutes
-    notes: tuple[str, ...] = ()
-    if options.baseline is not None:
-        earlier = read_campaign(options.baseline)
-        known, _ = diagnose_either(earlier, options.believe_zeros, workers=WORKERS, progress=say, seconds=seconds)
-        campaign, notes = declared_by(known, campaign)
-    found, more = diagnose_either(campaign, options.believe_zeros, workers=WORKERS, progress=say, seconds=seconds)
+    campaign = joined(options.campaign)
+    earlier = joined([options.baseline]) if options.baseline is not None else None
+    begin = time.perf_counter()
+    found, notes = _search(campaign, earlier, options.believe_zeros, options.minutes, progress.line(options))
+    seconds = {"diagnose": time.perf_counter() - begin}
     out = Path(options.out)
-    document = verdict_document(found, options.campaign, (*notes, *more))
+    made_with = {
+        "believe_zeros": options.believe_zeros,
+        "minutes": options.minutes if isfinite(options.minutes) else None,
+        "baseline": told([options.baseline]) if earlier else None,
+    }
+    document = verdict_document(found, options.campaign, notes, made_with)
     page = html(found, document)
     write(document, out / FILE)
-    write(result_document(found), out / "result.json")
+    write(result_document(found, seconds), out / "result.json")
     replace_file(out / "report.html", page)
     _write_robot(found, out)
     return document
 
 
-def _joined(paths: Sequence[str]) -> Campaign:
-    """All records of the campaigns at `paths`; those of later ones have their file's name before their own."""
-    from ident.store import read_campaign
+def _search(
+    campaign: Campaign, earlier: Campaign | None, believe_zeros: bool | None, minutes: float, say: Callable[[str], None]
+) -> tuple[Diagnosis, tuple[str, ...]]:
+    """What is found in a campaign beyond its declared robot, or beyond that of an `earlier` one; and notes."""
+    from ident.baseline import declared_by
+    from ident.either_model import diagnose_either
+    from symgen.forked import WORKERS
 
-    first, *others = (read_campaign(path) for path in paths)
-    records = list(first.records)
-    for path, other in zip(paths[1:], others, strict=True):
-        if (other.urdf, other.joints, other.fs, other.hold) != (first.urdf, first.joints, first.fs, first.hold):
-            raise IdentError(
-                f"{path}: another robot, sampling or hold than {paths[0]}; expected campaigns of one robot"
-            )
-        records += [replace(record, id=f"{Path(path).stem}/{record.id}") for record in other.records]
-    return replace(first, records=tuple(records))
+    notes: tuple[str, ...] = ()
+    if earlier is not None:
+        known, _ = diagnose_either(earlier, believe_zeros, workers=WORKERS, progress=say, seconds=60.0 * minutes)
+        campaign, notes = declared_by(known, campaign)
+    found, more = diagnose_either(campaign, believe_zeros, workers=WORKERS, progress=say, seconds=60.0 * minutes)
+    return found, (*notes, *more)
+
+
+def report_again(verdict: Mapping[str, Any], say: Callable[[str], None]) -> str:
+    """Returns the report of a diagnosis, made of the same files in the same way. IdentError where they are not there."""
+    from ident.diagnosis_report import html
+    from ident.inputs import again
+
+    made = verdict["made_with"]
+    earlier = again(made["baseline"]) if made["baseline"] else None
+    minutes = inf if made["minutes"] is None else made["minutes"]
+    found, _ = _search(again(verdict["input"]), earlier, made["believe_zeros"], minutes, say)
+    told = [effect["name"] for effect in verdict["effects"]]
+    if [a.effect.name for a in found.added] != told[: len(found.added)] or len(told) != len(found.added) + len(
+        found.off
+    ):
+        raise IdentError(
+            f"other effects are found now than verdict.json tells ({', '.join(told)}); run ident diagnose again"
+        )
+    return html(found, dict(verdict))
 
 
 def _write_robot(d: Diagnosis, out: Path) -> None:
@@ -145,7 +166,7 @@ def _next(options: argparse.Namespace) -> int:
 
     found = plan_next(options.result, seed=options.seed)
     if options.json:
-        print(json.dumps(found.document(), ensure_ascii=False))
+        print(json.dumps(found.document()))
     else:
         print(found.text)
     return 0

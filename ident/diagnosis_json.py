@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from ident.added import Added
 from ident.arm_model import DRIVES
 from ident.artefacts import artefacts
-from ident.campaign import Campaign
+from ident.campaign import Array, Campaign
 from ident.choice import LEAST_SHARE
 from ident.confounded import NEVER, Separation, never_told_apart, separation
 from ident.contradicted import Off
@@ -23,11 +23,14 @@ from ident.deviations import PORTS as DECLARED_PORTS
 from ident.deviations import SIGMAS
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect
+from ident.effects.carried import of_declared_links
 from ident.effects.learned import Learned
 from ident.evidence import Evidence
 from ident.held_out import carried, held_out, noise_floor, sources
+from ident.inputs import told
 from ident.links import nearest_links
 from ident.minima import LEAST_GAIN
+from ident.parts import degrees
 from ident.plain import plain, replace_file
 from ident.refits import State
 from ident.solve import inertia_std
@@ -48,10 +51,12 @@ DECOUPLED = 1e-9
 SHARES_TOLD = 6
 
 
-def verdict_document(d: Diagnosis, files: Sequence[str | Path], notes: Sequence[str] = ()) -> dict[str, Any]:
+def verdict_document(
+    d: Diagnosis, files: Sequence[str | Path], notes: Sequence[str] = (), made_with: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Returns verdict.json (format frf-verdict, version 1): plain numbers, lists and strings.
 
-    `files` are where the records were read, first the campaign's own. Units as in the catalogue of effects; errors are relative rms of the excited joint's
+    `files` are where the records were read, first the campaign's own; `made_with` the options of the command. Units as in the catalogue of effects; errors are relative rms of the excited joint's
     angle at the excited lines of the records that report, but for bands without the few lines that are mostly noise.
     """
     joints, records = d.campaign.joints, d.campaign.records
@@ -65,10 +70,7 @@ def verdict_document(d: Diagnosis, files: Sequence[str | Path], notes: Sequence[
         "format": FORMAT,
         "version": VERSION,
         "input": {
-            "file": str(files[0]),
-            "path": str(Path(files[0]).resolve()),
-            "sha256": hashlib.sha256(Path(files[0]).read_bytes()).hexdigest(),
-            "more_files": [str(file) for file in files[1:]],
+            **told(files),
             "records": len(records),
             "kind": "campaign",
             "source": d.campaign.source,
@@ -89,6 +91,7 @@ def verdict_document(d: Diagnosis, files: Sequence[str | Path], notes: Sequence[
         "drives": _drives(d),
         "unexplained": unexplained(d),
         "notes": list(notes),
+        "made_with": made_with or {},
     }
     found: dict[str, Any] = plain(document)
     return found
@@ -105,12 +108,14 @@ def _note(d: Diagnosis, reported: Sequence[Evidence]) -> str:
     return "; ".join(filter(None, [d.split.note, left_out]))
 
 
-def result_document(d: Diagnosis) -> dict[str, Any]:
-    """Returns result.json for the corrected arm, the keys that `ident fit` promises: units kg m2, N m/rad, N m s/rad."""
+def result_document(d: Diagnosis, seconds: Mapping[str, float]) -> dict[str, Any]:
+    """Returns result.json for the corrected arm, the keys that `ident fit` promises: units kg m2, N m/rad, N m s/rad; `seconds` are
+    where the time went."""
     problem, found, model = d.end.problem, d.end.minimum, d.model
     p = problem.parameters(found.vector)
     covariance, unseen, _ = uncertainty(problem, found)
-    dof, limit = degrees_of_freedom(problem, found)
+    data = max(problem.data, d.split.fit, key=degrees)  # chi^2 is as all of their lines would have it
+    dof, limit = degrees_of_freedom(replace(problem, data=data), found)
     links = nearest_links(model, p.alpha, covariance, unseen)
     hidden = [model.names[int(np.argmax(np.abs(direction)))] for direction in unseen.T]
     document: dict[str, Any] = {
@@ -120,7 +125,7 @@ def result_document(d: Diagnosis) -> dict[str, Any]:
         "alpha": {
             "names": model.names,
             "value": p.alpha,
-            "std": np.sqrt(np.diag(covariance)),
+            "std": _deviations(covariance, unseen),
             "unit": model.units,
             "cad": model.alpha_cad,
         },
@@ -139,6 +144,7 @@ def result_document(d: Diagnosis) -> dict[str, Any]:
         "physically_consistent": {"ok": links.ok, "distance": links.distance, "alpha": links.alpha},
         "method": "diagnosed",
         "records": {record.id: {"excited": record.excited, "posture": record.posture} for record in d.campaign.records},
+        "seconds": seconds,
     }  # fmt: skip
     result: dict[str, Any] = plain(document)
     return result
@@ -226,7 +232,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
         "port": e.port,
         "declared": False,
         "parameters": _parameters(d, e, added.std),
-        "links_fitted": sum(p.aside for p in e.parameters),
+        "links_fitted": len(e.values) - len(of_declared_links(e).values),
         "before": added.before,
         "after": added.after,
         "evidence": {
@@ -336,15 +342,20 @@ def _inertia(d: Diagnosis) -> dict[str, Any]:
 
 
 def _alpha(model: Model, state: State) -> dict[str, Any]:
-    """{name: value, std, unit}; a direction that was not seen has no standard deviation."""
+    """{name: value, std, unit}."""
     value = state.problem.parameters(state.minimum.vector).alpha
     covariance, unseen, _ = uncertainty(state.problem, state.minimum)
-    std = np.sqrt(np.diag(covariance))
-    std[np.abs(unseen).max(axis=1, initial=0.0) > 1e-6] = np.nan
+    std = _deviations(covariance, unseen)
     return {
         name: {"value": v, "std": s, "unit": unit}
         for name, v, s, unit in zip(model.names, value, std, model.units, strict=True)
     }
+
+
+def _deviations(covariance: Array, unseen: Array) -> Array:
+    """Standard deviations of alpha, none for a constant that no record shows."""
+    shown = np.abs(unseen).max(axis=1, initial=0.0) <= 1e-6
+    return np.where(shown, np.sqrt(np.diag(covariance)), np.nan)
 
 
 def unexplained(d: Diagnosis) -> list[dict[str, Any]]:

@@ -16,7 +16,6 @@ from ident.commands import NewCommand
 from ident.errors import IdentError
 
 if TYPE_CHECKING:
-    from ident.campaign import Campaign
     from ident.effects.base import Effect
     from symgen.robot import Drive, Robot
 
@@ -76,8 +75,11 @@ def add(command: NewCommand) -> None:
     )
     export.add_argument("result", metavar="OUT", help="directory that ident fit wrote, or its identified.json")
     export.add_argument("-o", dest="out", metavar="DIR", help="write the files here (default: beside identified.json)")
+    again = command("report", "Make the report of a result again, of the same campaign and in the same way.")
+    again.add_argument("result", metavar="OUT", help="directory that ident fit, run or diagnose wrote")
     paper.add_argument("robot", metavar="ROBOT_DIR", nargs="?", default="robots/ypp3", help="default robots/ypp3")
-    for sub, action in ((simulate, _simulate), (run, _run), (fit, _fit), (export, _export), (paper, _paper)):
+    actions = {simulate: _simulate, run: _run, fit: _fit, export: _export, again: _report, paper: _paper}
+    for sub, action in actions.items():
         sub.set_defaults(action=action)
 
 
@@ -169,7 +171,7 @@ def _shortened(robot: Robot, options: argparse.Namespace) -> Robot:
 def _simulate(options: argparse.Namespace) -> int:
     _, done = _simulated(options, Path(options.out))
     if options.json:
-        print(json.dumps(done, ensure_ascii=False))
+        print(json.dumps(done))
         return 0
     for note in done["notes"]:
         print(note)
@@ -178,18 +180,13 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from ident.store import read_campaign
-
     out = Path(options.out)
     believe_zeros, told = _simulated(options, out / "campaign.h5")
-    return _identified(read_campaign(out / "campaign.h5"), believe_zeros, out, options, told.get("precision"))
+    return _identified(out / "campaign.h5", believe_zeros, out, options, told.get("precision"))
 
 
 def _fit(options: argparse.Namespace) -> int:
-    from ident.store import read_campaign
-
-    campaign = read_campaign(options.campaign)
-    return _identified(campaign, options.believe_zeros, Path(options.out), options)
+    return _identified(Path(options.campaign), options.believe_zeros, Path(options.out), options)
 
 
 def _export(options: argparse.Namespace) -> int:
@@ -204,6 +201,33 @@ def _export(options: argparse.Namespace) -> int:
     return 0
 
 
+def _report(options: argparse.Namespace) -> int:
+    from ident import report
+    from ident.diagnosis_commands import report_again
+    from ident.diagnosis_json import FILE
+    from ident.identify import identify
+    from ident.inputs import again, document
+    from ident.plain import replace_file
+    from symgen.forked import WORKERS
+
+    out, say = Path(options.result), progress.line(options)
+    file = next((out / name for name in (FILE, "result.json") if (out / name).is_file()), out / "result.json")
+    found = document(file, "ident fit, run or diagnose")
+    try:
+        if file.name == FILE:
+            page = report_again(found, say)
+        else:
+            how = found["made_with"]
+            page = report.html(identify(again(found["input"]), **how, workers=WORKERS, progress=say))
+    except (KeyError, TypeError) as error:
+        raise IdentError(
+            f"{file}: does not say what it was made of: {type(error).__name__} {error}; make it again"
+        ) from None
+    replace_file(out / "report.html", page)
+    print(json.dumps({"report": str(out / "report.html")}) if options.json else f"Report: {out / 'report.html'}")
+    return 0
+
+
 def _paper(options: argparse.Namespace) -> int:
     from ident import paper
 
@@ -213,31 +237,38 @@ def _paper(options: argparse.Namespace) -> int:
 
 
 def _identified(
-    campaign: Campaign, believe_zeros: bool | None, out: Path, options: argparse.Namespace,
+    file: Path,
+    believe_zeros: bool | None,
+    out: Path,
+    options: argparse.Namespace,
     precision: dict[str, float] | None = None,
-) -> int:  # fmt: skip
+) -> int:
     from ident import report
     from ident.export import write_identified
     from ident.identify import METHODS, identify
+    from ident.inputs import told
+    from ident.plain import plain
     from ident.result_page import doubtful, page
     from ident.side_by_side import comparison, table
+    from ident.store import read_campaign
     from symgen.forked import WORKERS
     from symgen.robot import load_robot
 
-    every = options.method == "all"
+    every, campaign = options.method == "all", read_campaign(file)
     result, *others = (
         identify(campaign, method=method, believe_zeros=believe_zeros, workers=WORKERS, progress=progress.line(options))
         for method in (METHODS if every else (options.method,))
     )
     out.mkdir(parents=True, exist_ok=True)
-    report.write(result, out, precision)
+    made = {"input": told([file]), "made_with": {"method": result.method, "believe_zeros": believe_zeros}}
+    document = report.result_document(result, precision, made)
+    report.write(result, out, document)
     report.summary_plot(result, out / "responses.svg")
     write_identified(result, out, load_robot(options.robot) if options.command == "run" else None)
-    document = report.result_document(result, precision)
     if every:
         document["methods"] = comparison([result, *others])
     if options.json:
-        print(json.dumps(document, ensure_ascii=False))
+        print(json.dumps(plain(document), allow_nan=False))
     else:
         if every:
             print(table(document["methods"]))

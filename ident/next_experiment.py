@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,10 +17,10 @@ from ident.diagnosis_json import FILE, FORMAT, VERSION
 from ident.errors import ExperimentError, IdentError
 from ident.export import read
 from ident.identified import Identified
+from ident.inputs import again, document
 from ident.plain import replace_file
 from ident.playing import export_excitation
 from ident.robot_text import robot_toml
-from ident.store import read_campaign
 from symgen.plan import FORMAT as PLAN_FORMAT
 from symgen.plan import VERSION as PLAN_VERSION
 from symgen.plan import Cell, Model, chain_of_robot, feasible_postures, make_model
@@ -87,14 +85,14 @@ def plan_next(result: str | Path, seed: int = 1) -> Next:
         return Next(
             "Nothing is left to tell apart: no effect is confounded, nothing is unexplained.", None, (), 0.0, ()
         )
-    campaign = _campaign(verdict)
+    campaign = again(verdict["input"])
     arm = _declared(read(out), campaign)
     place = out / "next"
     robot = _write_robot(arm, wish, campaign, place)
     chain = chain_of_robot(robot)
     model = make_model(chain, believe_zeros=robot.believe_zeros)
     cells = _runnable(_cells(wish, campaign, model, robot), model, robot, seed)
-    document = {
+    plan = {
         "format": PLAN_FORMAT,
         "version": PLAN_VERSION,
         "robot": chain.name,
@@ -103,7 +101,7 @@ def plan_next(result: str | Path, seed: int = 1) -> Next:
         "recipe": wish.recipe,
         "plan": {"cells": [{"joint": cell.joint, "q": cell.q.tolist(), "spare": False} for cell in cells]},
     }
-    replace_file(place / "plan.json", json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+    replace_file(place / "plan.json", json.dumps(plan, indent=1, ensure_ascii=False) + "\n")
     played = export_excitation(robot, chain, cells, place, seed=seed)
     files = (place / "robot.toml", place / "plan.json", *played)
     return Next(_paragraph(wish, cells, robot, campaign, place), wish, cells, robot.experiment.swing, files)
@@ -137,25 +135,13 @@ def wanted(verdict: dict[str, Any]) -> Wish | None:
 
 def _verdict(out: Path) -> dict[str, Any]:
     file = out / FILE
+    verdict = document(file, "ident diagnose")
     try:
-        verdict: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         if verdict["format"] != FORMAT or verdict["version"] > VERSION:
             raise IdentError(f"{file}: format {verdict['format']!r}; expected {FORMAT!r} up to version {VERSION}")
-    except OSError:
-        raise IdentError(f"{file}: no such file; expected what ident diagnose wrote") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError) as error:
         raise IdentError(f"{file}: not a verdict: {type(error).__name__} {error}; run ident diagnose") from None
     return verdict
-
-
-def _campaign(verdict: dict[str, Any]) -> Campaign:
-    given = verdict["input"]
-    file = next((path for path in (given["file"], given.get("path", "")) if os.path.isfile(path)), None)
-    if file is None:
-        raise IdentError(f"{given['file']}: no such file; expected the campaign that was diagnosed")
-    if hashlib.sha256(Path(file).read_bytes()).hexdigest() != given["sha256"]:
-        raise IdentError(f"{file}: has changed since it was diagnosed; run ident diagnose again")
-    return read_campaign(file)
 
 
 def _declared(arm: Identified, campaign: Campaign) -> Identified:
@@ -216,7 +202,7 @@ def _cells(wish: Wish, campaign: Campaign, model: Model, robot: Robot) -> list[t
         return [(joint, q) for joint in mine for q in _far(joint, campaign, model, robot, share)]
     here = [(joint, q) for joint in mine for q in own[joint][:SAME]]
     if wish.recipe == "others":
-        around = [(joint, q) for _, q in here for joint in joints]
+        around = [(joint, q) for q in _different([q for _, q in here]) for joint in joints]
         return around[:MOST]
     if wish.recipe == "shift":
         cells = []

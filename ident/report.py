@@ -27,12 +27,14 @@ if TYPE_CHECKING:
 SOFTWARE = ("symgen", "numpy", "scipy", "clarabel", "matplotlib")
 
 
-def result_document(identification: Identification, precision: Mapping[str, float] | None = None) -> dict[str, Any]:
+def result_document(
+    identification: Identification, precision: Mapping[str, float] | None = None, made: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Returns result.json: plain numbers, lists and strings; what is unknown or infinite is None, never NaN.
 
     Units kg m2 (kg for a sliding joint), N m/rad, N m s/rad, Hz; K joint side, J_m and D motor side. `precision` is what the
     campaign was planned for, where it was: `target` and `predicted`, sigmas of J(q) over sqrt(J_ii J_jj), and `robot_time_s`;
-    told with the largest that was `achieved`.
+    told with the largest that was `achieved`. `made` of what and how: `input` and `made_with`.
     """
     r = identification
     drives = {drive.joint: drive for drive in r.drives}
@@ -77,6 +79,7 @@ def result_document(identification: Identification, precision: Mapping[str, floa
         "records": {m.record.id: _record(m) for m in r.measurements},
         "notes": r.notes,
         "seconds": r.seconds,
+        **(made or {}),
     }
     if precision is not None:
         document["precision"] = {**precision, "achieved": known.per_entry.max()}
@@ -150,14 +153,15 @@ def html(identification: Identification) -> str:
 
 
 def write(
-    identification: Identification, directory: str | Path, precision: Mapping[str, float] | None = None
+    identification: Identification, directory: str | Path, document: Mapping[str, Any] | None = None
 ) -> tuple[Path, Path]:
     """Writes result.json and report.html into `directory`, made where missing, and returns their paths.
 
-    `precision` as in `result_document`. Each file is replaced only by a finished one. IdentError naming the file that can not be written.
+    `document` is the result's where it tells more than the identification does. Each file is replaced only by a finished one. IdentError naming the file that can not be written.
     """
     directory = Path(directory)
-    text = json.dumps(result_document(identification, precision), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    document = result_document(identification) if document is None else document
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     result, report = directory / "result.json", directory / "report.html"
     page = html(identification)
     replace_file(result, text)

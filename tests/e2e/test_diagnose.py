@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from ident.campaign import Campaign
 from ident.cli import main
 from ident.diagnosis_report import text
 from ident.either_model import diagnose_either
@@ -71,6 +72,28 @@ def test_json_is_one_document_and_nothing_else(
     assert main(["diagnose", str(campaign), "-o", str(tmp_path), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / "verdict.json").read_text())
+
+
+def test_a_report_is_made_again_of_what_the_verdict_says(
+    out: Path, campaign: Path, found: list[Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def kept(read: Campaign, believe_zeros: bool | None, **options: Any) -> Any:
+        asked.append((len(read.records), believe_zeros, options["seconds"]))
+        return found[0]
+
+    monkeypatch.setattr("ident.either_model.diagnose_either", kept)
+    page = out / "report.html"
+    first = page.read_text()
+    page.unlink()
+    assert main(["report", str(out)]) == 0
+    assert page.read_text() == first and asked == [(8, None, 240.0)]
+    sound = (out / "verdict.json").read_text()
+    (out / "verdict.json").write_text(sound.replace(json.loads(sound)["input"]["sha256"], "0" * 64))
+    assert main(["report", str(out)]) == 2
+    assert "has changed since" in capsys.readouterr().err
+    (out / "verdict.json").write_text(sound)
 
 
 def test_nothing_found_leaves_nothing_to_do_next(out: Path, capsys: pytest.CaptureFixture[str]) -> None:

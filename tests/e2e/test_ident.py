@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,27 @@ def test_fit_reads_only_the_campaign(folder: Path, capsys: pytest.CaptureFixture
     assert status == 0
     assert again["alpha"]["value"] == pytest.approx(first["alpha"]["value"], rel=1e-12)
     assert any("believed to be zero" in note for note in again["notes"])
+
+
+def test_a_report_is_made_again_of_what_the_result_says(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rigid(folder, capsys)
+    page = folder / "rigid" / "report.html"
+    first = page.read_text()
+    page.unlink()
+    assert main(["report", str(folder / "rigid")]) == 0
+    assert _without_times(page.read_text()) == _without_times(first)
+    assert capsys.readouterr().out == f"Report: {page}\n"
+    stale = folder / "stale"
+    stale.mkdir()
+    assert main(["report", str(stale)]) == 2
+    (stale / "result.json").write_text("{}")
+    assert main(["report", str(stale)]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert "no such file; expected what ident fit" in errors[0] and "does not say what it was made of" in errors[1]
+
+
+def _without_times(page: str) -> str:
+    return re.sub(r"<dt>Computing time</dt>.*", "", page)
 
 
 def test_flexible_locks_are_owned_up_to(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,12 +14,13 @@ from ident.diagnosis_json import _confounded, result_document, verdict_document,
 from ident.effects.learned import learned
 from ident.effects.motor import TorqueRipple
 from ident.errors import IdentError
+from ident.parts import degrees, lines_of
 
 KEYS = {"format", "version", "input", "status", "declared", "effects", "error", "inertia", "drives", "unexplained"}
 EFFECT = {"name", "joint", "port", "parameters", "before", "after", "evidence", "rivals", "confounded_with"}
 RESULT = {
     "joints", "alpha", "K", "J_m", "D", "chi2_per_dof", "explained", "not_identifiable", "physically_consistent", "method",
-    "records",
+    "records", "seconds",
 }  # fmt: skip
 
 
@@ -139,13 +140,27 @@ def test_what_is_left_is_told_where_it_acts(file):
 
 
 def test_the_result_has_the_keys_that_fit_promises():
-    r = strict(result_document(blind(diagnosis(), "alpha_13")))
-    assert set(r) >= RESULT
+    r = strict(result_document(blind(diagnosis(), "alpha_13"), {"diagnose": 1.5}))
+    assert set(r) >= RESULT and r["seconds"] == {"diagnose": 1.5}
+    assert [name for name, std in zip(r["alpha"]["names"], r["alpha"]["std"], strict=True) if std is None] == [
+        "alpha_13"
+    ]
     assert r["K"]["value"] == pytest.approx([5500.0, 4500.0, 4500.0], rel=2e-3)
     assert all(std > 0.0 for std in r["K"]["std"])
     assert r["effects"][0]["name"] == "motor-coulomb"
     (missing,) = r["not_identifiable"]
     assert "alpha_13" in missing["what"]
+
+
+def test_a_lines_part_of_the_records_has_the_misfit_of_its_own_lines():
+    """chi^2 per degree of freedom where every other line was judged: about one, as of all lines."""
+    d = diagnosis()
+    half = tuple(lines_of(one, np.arange(len(one.use)) % 2 == 0) for one in d.end.problem.data)
+    problem, split = replace(d.end.problem, data=half), replace(d.split, fit=half)
+    chi2 = d.end.minimum.chi2 * degrees(half) / degrees(d.end.problem.data)
+    end = replace(d.end, problem=problem, minimum=replace(d.end.minimum, chi2=chi2))
+    by_all, by_half = (result_document(one, {})["chi2_per_dof"] for one in (d, replace(d, end=end, split=split)))
+    assert by_half == pytest.approx(by_all, rel=0.05)
 
 
 def test_a_document_is_written_whole_or_not_at_all(tmp_path):

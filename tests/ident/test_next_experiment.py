@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from ident.diagnosis_json import FILE, verdict_document, write
 from ident.errors import IdentError
 from ident.export import write_files
 from ident.identified import of_parts
-from ident.next_experiment import SMALLER, plan_next, wanted
+from ident.inputs import joined, told
+from ident.next_experiment import SMALLER, Wish, _cells, plan_next, wanted
 from ident.store import write_campaign
 from symgen.plan import chain_of_robot, load_plan_cells, make_model
 from symgen.robot import load_robot
@@ -93,6 +95,28 @@ def test_every_recipe_is_ready_to_run(verdict, recipe, joints):
     assert json.loads(json.dumps(found.document()))["recipe"] == recipe
 
 
+def test_what_was_measured_next_counts_as_measured(verdict, tmp_path):
+    """The postures of a second file that was diagnosed with the first are not asked for again."""
+    out, document = verdict
+    first = planned(verdict, "postures")
+    second = tmp_path / "next.h5"
+    records = [replace(campaign().records[1], id=f"{k:04d}", posture=cell.q) for k, cell in enumerate(first.cells)]
+    write_campaign(replace(campaign(), records=tuple(records)), second)
+    both = [out / "campaign.h5", second]
+    later = planned((out, document | {"input": document["input"] | told(both)}), "postures")
+    new, old = (np.array([cell.q for cell in one.cells]) for one in (later, first))
+    assert np.abs(new[:, None] - old).max(axis=2).min() > 0.3
+    assert [r.id for r in joined([*both, second]).records[-2:]] == [f"next-3/{k:04d}" for k in range(len(records))[-2:]]
+
+
+def test_each_posture_is_seen_from_every_joint_once():
+    q = [np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.2, 0.1])]
+    records = [replace(campaign().records[0], excited=name, posture=one) for one in q for name in campaign().joints]
+    wish = Wish("others", None, "")
+    cells = _cells(wish, replace(campaign(), records=tuple(records)), None, None)
+    assert len(cells) == len({(name, *one) for name, one in cells}) == 6
+
+
 def test_what_is_unexplained_asks_by_its_parity():
     row = {"joint": "joint2", "port": "motor", "band_hz": [3.0, 10.0], "share": 1.0}
     for odd, even, recipe in ((True, False, "amplitude"), (True, True, "shift"), (False, False, "others")):
@@ -105,7 +129,7 @@ def test_what_is_missing_is_said_in_one_line(verdict, tmp_path):
     with pytest.raises(IdentError, match="verdict.json: no such file; expected what ident diagnose wrote"):
         plan_next(tmp_path)
     (tmp_path / FILE).write_text("[]")
-    with pytest.raises(IdentError, match="not a verdict"):
+    with pytest.raises(IdentError, match="not a result"):
         plan_next(tmp_path)
     document = dict(verdict[1], input={"file": str(tmp_path / "gone.h5")})
     write(document, tmp_path / FILE)
@@ -113,5 +137,5 @@ def test_what_is_missing_is_said_in_one_line(verdict, tmp_path):
         plan_next(tmp_path)
     document = dict(verdict[1], input=verdict[1]["input"] | {"sha256": "0" * 64})
     write(document, tmp_path / FILE)
-    with pytest.raises(IdentError, match="has changed since it was diagnosed"):
+    with pytest.raises(IdentError, match="has changed since the result was made of it"):
         plan_next(tmp_path)
