@@ -47,7 +47,8 @@ class Added:
     """One effect that was added: `before` and `after` held-out errors; `gain` of chi^2 where it was chosen, of `excess`.
 
     `rivals` are the next best, with the held-out error each leaves; `tied` those that these records do not tell apart; `others` the
-    models with one of them that left hardly more, `partly` those that explained something, `besides` the model without it.
+    models with one of them that left hardly more, `partly` those that explained something, `besides` the model without it, and
+    without what it made superfluous: with fewest effects where there are several.
     `port_shares` is how much of the excess a free force at each (port, joint) would explain.
     """
 
@@ -96,6 +97,7 @@ def pruned(
     bench: Bench, state: State, added: list[Added], progress: Callable[[str], None]
 ) -> tuple[State, list[Added]]:
     """The model without those earlier effects that the last one of `added` has made superfluous."""
+    added = _of_model(state, added)
     last = added[-1].effect
     for old in state.effects[:-1]:
         by_curve = last.name == "unknown" and old.name != "unknown"
@@ -106,10 +108,28 @@ def pruned(
             less = fully(bench, less)
         if less.select < state.select + LEAST_GAIN:
             progress(f"  without {told(old)} as well: {excess(bench, less):.4g}")
-            state = less
+            state, added = less, _of_model(less, renewed(state, less, added))
         elif by_curve:
             state, added = drawn_over(bench, state, less, old, added, progress)
     return state, added
+
+
+def renewed(state: State, new: State, added: Sequence[Added]) -> list[Added]:
+    """The entries, that of the last effect with what it is in the `new` model: a curve that bends is another one."""
+    return [replace(a, effect=new.effects[-1]) if same(a.effect, state.effects[-1]) else a for a in added]
+
+
+def _of_model(state: State, added: list[Added]) -> list[Added]:
+    """The entries of the effects that the model still has: the last one stands for the others, so what explained something beside
+    them, and the model without them, are its own."""
+    gone = [a for a in added if not any(same(a.effect, e) for e in state.effects)]
+    if len(gone) in (0, len(added)):
+        return added
+    *before, last = [a for a in added if a not in gone]
+    besides = [a.besides for a in (last, *gone) if a.besides is not None]
+    fewest = min(besides, key=lambda one: len(one.effects), default=None)
+    partly = tuple(one for a in (last, *gone) for one in a.partly)
+    return [*before, replace(last, partly=partly, besides=fewest)]
 
 
 def drawn_over(
@@ -127,9 +147,10 @@ def drawn_over(
         best = fully(bench, fitted(bench, whole))
         progress(f"  {told(named)} in the curve: {excess(bench, best):.4g}")
         if best.select <= most:
-            first, curve = next(a for a in added if same(a.effect, named)), added[-1]
-            entry = replace(first, effect=best.effects[-1], after=curve.after, gain=first.gain + curve.gain)
-            return best, [entry if a is first else a for a in added if a is not curve]
+            curve = next(a for a in added if same(a.effect, state.effects[-1]))
+            first, *others = both = [a for a in added if a is curve or same(a.effect, named)]
+            entry = replace(first, effect=best.effects[-1], after=curve.after, gain=sum(a.gain for a in both))
+            return best, [entry if a is first else a for a in added if a not in others]
     lin = linearised(less.problem, less.minimum.vector)
     here = [c for c in curves(lin, bench.workers) if (c.effect.port, c.effect.joint) == (named.port, named.joint)]
     tried = refitted(bench, less, [(c, lin) for c in here[:CURVES]], progress)
@@ -138,7 +159,8 @@ def drawn_over(
     best = fully(bench, min(tried, key=lambda one: one[1].select)[1])
     if best.select > most:
         return state, added
-    return best, [replace(a, effect=best.effects[-1]) if same(a.effect, named) else a for a in added]
+    entries = renewed(state, less, added)
+    return best, [replace(a, effect=best.effects[-1]) if same(a.effect, named) else a for a in entries]
 
 
 def _as_well(bench: Bench, state: State) -> float:
@@ -166,10 +188,11 @@ def _in_one(bench: Bench, state: State, named: Effect) -> Refit | None:
 
 
 def _flat(named: Effect) -> Effect | None:
-    """The learned friction that is the same law as Coulomb's: as high everywhere. None for any other law."""
-    if not (isinstance(named, Law) and named.dry and [p.name for p in named.parameters if not p.aside] == ["level"]):
+    """The learned friction that is the same law as Coulomb's: as high everywhere. None for any other law, or one whose creep was
+    fitted."""
+    if not (isinstance(named, Law) and named.dry and [p.name for p in named.parameters] == ["level"]):
         return None
-    return learned(named.port, "friction", [0.0])(named.joint, named.values[:1])
+    return learned(named.port, "friction", [0.0])(named.joint, named.values)
 
 
 def was_named(curve: Effect) -> bool:
@@ -181,8 +204,8 @@ def outdone(named: Effect, added: Sequence[Added]) -> bool:
     """Whether curves at the port of a named effect do so much besides it, or in its place, that it is hardly the right name."""
     alone = next(a for a in added if same(a.effect, named))
     here = [a for a in added if (a.effect.name, a.effect.port, a.effect.joint) == ("unknown", named.port, named.joint)]
-    sizes = [(abs(now), abs(then)) for now, then, p in zip(named.values, alone.effect.values, named.parameters, strict=True)
-             if p.zero is not None and not p.whole]  # fmt: skip
+    names = [p.name for p in alone.effect.parameters if p.zero is not None and not (p.whole or p.aside)]
+    sizes = [(abs(named[name]), abs(alone.effect[name])) for name in names]
     less = bool(here) and bool(sizes) and all(now < OUTDONE * then for now, then in sizes)
     return less or sum(a.gain for a in here) > OUTDONE * alone.gain
 

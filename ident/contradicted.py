@@ -55,7 +55,7 @@ def contradicted(bench: Bench, state: State) -> tuple[Off, ...]:
     return tuple(Off(one, before, after, none) for one, (_, before) in rows)
 
 
-def merged(bench: Bench, state: State, off: Sequence[Off]) -> tuple[State, tuple[Off, ...]]:
+def merged(state: State, off: Sequence[Off]) -> tuple[State, tuple[Off, ...]]:
     """The model, those declared numbers that one of its effects has, too, as values of that effect; and the others."""
     vector, others, k = state.minimum.vector.copy(), list(off), state.problem.base
     for effect in state.effects:
@@ -65,11 +65,8 @@ def merged(bench: Bench, state: State, off: Sequence[Off]) -> tuple[State, tuple
             vector[list(places)] = list(places.values())
             others.remove(one)
         k += len(effect.values)
-    effects = state.problem.effects_at(vector)
-    problem = bench.problem(state.problem.data, effects, state.scales, state.limits)
-    problem = replace(problem, slid=state.problem.slid)
     minimum = replace(state.minimum, vector=vector)
-    return replace(state, effects=effects, problem=problem, minimum=minimum), tuple(others)
+    return replace(state, effects=state.problem.effects_at(vector), minimum=minimum), tuple(others)
 
 
 def of_effect(off: Sequence[Off], effect: Effect) -> list[Off]:

@@ -109,9 +109,7 @@ def loud(joints: NDArray[np.int64], noise: Array) -> NDArray[np.bool_]:
     return found
 
 
-def groups(
-    bench: Bench, state: State, data: Sequence[Evidence]
-) -> list[tuple[int, int, float, float, str, float, float]]:
+def groups(state: State, data: Sequence[Evidence]) -> list[tuple[int, int, float, float, str, float, float]]:
     """Groups of lines beyond `DEPARTURE`: (record, joint, low, high, kind, level, chi^2 in excess).
 
     The level is without the line that departs most: one alone is an outlier, no effect.
@@ -141,7 +139,7 @@ def groups(
 def departures(bench: Bench, state: State) -> tuple[Departure, ...]:
     """What stays unexplained on the choosing and reporting records: joints, bands and kinds of line, largest share first."""
     data = bench.split.select + bench.split.report
-    found = groups(bench, state, data)
+    found = groups(state, data)
     total = sum(group[6] for group in found)
     merged: dict[tuple[int, float, float, str], list[float]] = {}
     for _, joint, low, high, kind, level, power in found:

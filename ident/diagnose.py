@@ -14,14 +14,14 @@ from itertools import combinations
 
 import numpy as np
 
-from ident.added import Added, exchanged, pruned, renamed, was_named
+from ident.added import Added, exchanged, pruned, renamed, renewed, was_named
 from ident.apart import apart
 from ident.campaign import Campaign
 from ident.candidates import surest
 from ident.choice import Tried
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
-from ident.departures import Departure, Errors, departures, errors, groups
+from ident.departures import Departure, Errors, departures, errors, groups, told_of
 from ident.effects.base import Effect, Law, has_forces
 from ident.effects.learned import Learned
 from ident.errors import IdentError
@@ -52,8 +52,8 @@ from ident.trials import BENT, ENOUGH, explains
 from ident.unbent import unbent
 from symgen.plan import Model
 
-#: Effects added at most.
-MOST_EFFECTS = 4
+#: Rounds at most; each adds an effect, or more at once.
+MOST_ROUNDS = 4
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
 #: many times where something is left and they may.
 BENDS, MAY_BEND = 10.0, 1.5
@@ -132,11 +132,11 @@ class Begun:
         return excess(self.bench, self.start)
 
     def beside(self, end: State, split: Split, fewer: int = 0) -> tuple[Bench, State]:
-        """This arm with the effects found with another, `end`, by such parts of the records, or with so many `fewer` of them as do
-        best."""
+        """This arm with the effects found with another, `end`, by the same parts of the records, or with so many `fewer` of them as do
+        best. By lines of every record where its own parts are, as those of records tell it too little."""
         bench, n = self.bench, self.bench.model.chain.n
-        if split.note and not bench.split.note:
-            bench = replace(bench, split=split_lines(self.data, split.note))
+        if split.note or not bench.split.note:
+            bench = replace(bench, split=self._parted(split))
         count = len(end.effects)
         parts = [some(end, keep) for keep in combinations(range(count), count - fewer)]
         arms = [self.start.minimum.vector, np.concatenate([end.minimum.vector[: 4 * n], bench.guess.vector()[4 * n :]])]
@@ -144,6 +144,15 @@ class Begun:
         refits = [replace(part, vector=np.concatenate([arm, part.vector[values:]])) for part in parts for arm in arms]
         hastily = all_fitted(bench, [replace(one, roughly=HASTILY) for one in refits])
         return bench, fitted(bench, Refit.of(min(hastily, key=lambda state: state.select)))
+
+    def _parted(self, split: Split) -> Split:
+        """The evidence of this arm in the same parts as that of another."""
+        own = {one.index: one for one in self.data}
+        fit, select, report = (
+            tuple(replace(own[one.index], judged=one.judged) for one in part)
+            for part in (split.fit, split.select, split.report)
+        )
+        return Split(fit, select, report, split.note)
 
     def diagnosed(self, progress: Callable[[str], None] = lambda line: None, gives_way: GivesWay = _never) -> Diagnosis:
         """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm."""
@@ -162,20 +171,15 @@ class Begun:
                     (bench, start), state, added = by_lines, other, more
                     left = _left_over(bench, start, state)
         found, contradictions = state, () if left else contradicted(bench, state)
-        state, off = merged(bench, state, contradictions)
+        state, off = merged(state, contradictions)
         state = settled(bench, state)
         start = state if found is start else _better(start, added)
-        before, after = errors(bench, start, bench.split.report), errors(bench, state, bench.split.report)
-        if added:
-            added[-1] = replace(added[-1], after=after.all)
-        final = tuple(
-            replace(a, effect=e, std=standard_deviations(state, e, contradictions))
-            for e in state.effects
-            for a in added
-            if same(a.effect, e)
-        )
-        if off:
-            before = errors(bench, off[0].without, bench.split.report) if not final else before
+        final = _as_found(state, added, contradictions)
+        told = told_of(bench.split, state.effects, bench.split.report)
+        before = errors(bench, off[0].without if off and not final else start, told)
+        after = errors(bench, state, told)
+        if final:
+            final = (*final[:-1], replace(final[-1], after=after.all))
         status = "unexplained" if left else "effect-found" if final or off else "explained"
         campaign, model = bench.campaign, bench.model
         return Diagnosis(
@@ -183,9 +187,20 @@ class Begun:
         )
 
 
+def _as_found(state: State, added: Sequence[Added], contradictions: Sequence[Off]) -> tuple[Added, ...]:
+    """The entries of the effects that a model has, in the order in which they were added, as they are in it."""
+    return tuple(
+        replace(a, effect=e, std=standard_deviations(state, e, contradictions))
+        for a in added
+        for e in state.effects
+        if same(a.effect, e)
+    )
+
+
 def _better(start: State, added: Sequence[Added]) -> State:
-    """The arm without effects, as it was fitted best: from what is declared, or from where the first effect has led it."""
-    others = [one.besides for one in added[:1] if one.besides is not None and not one.besides.effects]
+    """The arm without effects, as it was fitted best: from what is declared, or from where the first effect has led it, which may
+    have been made superfluous by another."""
+    others = [one.besides for one in added if one.besides is not None and not one.besides.effects]
     return min([start, *others], key=lambda state: state.select)
 
 
@@ -238,7 +253,8 @@ def _by_lines(bench: Bench, data: tuple[Evidence, ...]) -> tuple[Bench, State]:
 
 def _resumed(bench: Bench, start: State, found: State, added: Sequence[Added]) -> tuple[State, list[Added]] | None:
     """The model with effects that were `found`, and `added`, by other parts of the records, if it leaves little by these, too: on declared
-    links, if it then leaves nothing, which the other parts may not have told."""
+    links, if it then leaves nothing, which the other parts may not have told. Models `besides` are not kept: they were judged by
+    those."""
     if not added:
         return None
     plain = on_declared_links(found)
@@ -248,7 +264,7 @@ def _resumed(bench: Bench, start: State, found: State, added: Sequence[Added]) -
     if _left(bench, start, state) > LEFT:
         return None
     report = bench.split.report
-    entries = list(added)
+    entries = [replace(one, besides=None) for one in added]
     entries[0] = replace(entries[0], before=errors(bench, start, report).all)
     entries[-1] = replace(entries[-1], after=errors(bench, state, report).all)
     return state, entries
@@ -271,7 +287,7 @@ def _loop(
     if not added and excess(bench, state) > BENT:
         bench = unbent(bench, state, progress)
     missing: Sequence[Tried] = ()
-    for _ in range(MOST_EFFECTS):
+    for _ in range(MOST_ROUNDS):
         little = bool(added) and _little(bench, start, state)
         departs = _departs(bench, state) or ((not added or excess(bench, state) > DOUBTED) and _suspect(bench, state))
         if not departs or (little and excess(bench, state) <= NAMED) or bench.late:
@@ -304,7 +320,8 @@ def _loop(
         state = afresh(bench, state, progress)
     for effect in state.effects[:-1]:  # found while others were missing
         if not (bench.late or explains(bench, state, start.select)):
-            state = elsewhere(bench, state, effect, progress)
+            new = elsewhere(bench, state, effect, progress)
+            state, added = new, renewed(state, new, added)
     return state, added
 
 
@@ -346,7 +363,7 @@ def _left(bench: Bench, start: State, state: State) -> float:
 
 def _departs(bench: Bench, state: State) -> bool:
     """Whether anything but noise may be left, on the records that fit and choose."""
-    return excess(bench, state) > 1.1 or bool(groups(bench, state, bench.split.fit + bench.split.select))
+    return excess(bench, state) > 1.1 or bool(groups(state, bench.split.fit + bench.split.select))
 
 
 @lru_cache(maxsize=2)  # who chooses between two models asks, and then the loop

@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.arm_fit import Problem, hold, residual
 from ident.campaign import Array
-from ident.departures import EDGES, loud
+from ident.departures import EDGES, loud, told_of
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect, has_forces
 from ident.effects.motion import Motion
@@ -43,12 +43,12 @@ class HeldOut:
 
 
 def held_out(d: Diagnosis) -> tuple[HeldOut, ...]:
-    """Returns the records that report, with the errors of the first model and of the last one."""
+    """Returns the records that report and that the errors of the diagnosis are told of, with the errors of the first model and of the
+    last one."""
     first = d.off[0].without if d.off and not d.added else d.start
+    reported = told_of(d.split, d.end.effects, d.split.report)
     rows = []
-    for one, before, after in zip(
-        d.split.report, _left(first, d.split.report), _left(d.end, d.split.report), strict=True
-    ):
+    for one, before, after in zip(reported, _left(first, reported), _left(d.end, reported), strict=True):
         k = int(np.flatnonzero(one.scene.arm.live == one.excited)[0])
         use = one.is_excited & one.use
         noise = np.sqrt(np.sum(np.abs(np.linalg.inv(after[1][use])[:, k]) ** 2, axis=1))

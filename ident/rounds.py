@@ -23,7 +23,7 @@ from ident.choice import (
     rivals,
     vanished,
 )
-from ident.departures import errors
+from ident.departures import errors, told_of
 from ident.effects.base import Effect, Law
 from ident.gains import named_gains
 from ident.minima import LEAST_GAIN, fully, since, told
@@ -192,7 +192,7 @@ def _entry(
     order = sorted((other for _, other in others), key=lambda other: other.select)
     named = [other for other in order if other.effects[-1].name != "unknown"]
     left_by = list(forked(lambda other: _error(bench, other), order[:RIVALS], bench.workers))
-    report = bench.split.report
+    report = told_of(bench.split, new.effects, bench.split.report)
     return Added(
         effect=effect,
         std=(),

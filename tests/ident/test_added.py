@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 
 import ident.added
-from ident.added import Added, exchanged, pruned
+from ident.added import Added, drawn_over, exchanged, outdone, pruned
 from ident.diagnose import _better
 from ident.effects.base import Effect
-from ident.effects.friction import LinkCoulomb, MotorStribeck
+from ident.effects.carried import carrying
+from ident.effects.creeping import creeping
+from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.learned import learned
 from ident.effects.motor import InputDelay, TorqueLag
+from ident.effects.structure import LinkFlexibility
 from ident.refits import Refit, instead
 
 DOF, BASE = 1000, 3
@@ -103,8 +106,78 @@ def test_what_came_first_is_left_out_by_what_is_left_without_it_at_the_minimum(
     monkeypatch.setattr(ident.added, "without", lambda bench, one, old: state(finely, DRY))
     monkeypatch.setattr(ident.added, "fully", lambda bench, one: state(closely, *one.effects))
     monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
-    best, _ = pruned(BENCH, state(0.9, curve, DRY), [entry(curve), entry(DRY)], lambda line: None)
-    assert best.effects == ((curve, DRY) if kept else (DRY,))
+    best, entries = pruned(BENCH, state(0.9, curve, DRY), [entry(curve), entry(DRY)], lambda line: None)
+    assert best.effects == ((curve, DRY) if kept else (DRY,)) == tuple(one.effect for one in entries)
+
+
+def test_what_was_left_out_leaves_what_it_led_to_to_what_made_it_superfluous(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Found again later it is told once, and the arm without effects that it led to is not forgotten."""
+    led, with_delay, other = state(60.0), state(9.0, DELAY), state(50.0, LAG)
+    monkeypatch.setattr(
+        ident.added, "without", lambda bench, one, old: state(0.9 + 9.0 * (old is not DELAY), *one.effects[1:])
+    )
+    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    first = replace(entry(DELAY), besides=led, partly=(other,))
+    second, last = replace(entry(LAG), besides=with_delay), replace(entry(DRY), besides=with_delay)
+    _, entries = pruned(BENCH, state(0.9, DELAY, LAG, DRY), [first, second, last], lambda line: None)
+    assert [one.effect for one in entries] == [LAG, DRY]
+    assert entries[-1].partly == (other,) and _better(state(90.0), entries) is led
+
+
+def test_a_curve_that_bends_once_another_effect_is_left_out_is_still_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    curve, bends = (learned("motor", "position", [-1.0, 1.0], bends=b)(2, (0.1, -0.1)) for b in (False, True))
+    earlier = learned("motor", "friction", [0.0])(2, (0.1,))
+    monkeypatch.setattr(ident.added, "without", lambda bench, one, old: state(1.5, curve))
+    monkeypatch.setattr(ident.added, "fully", lambda bench, one: state(0.9, bends))
+    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    best, entries = pruned(BENCH, state(0.9, earlier, curve), [entry(earlier), entry(curve)], lambda line: None)
+    assert best.effects == (bends,) == tuple(one.effect for one in entries)
+
+
+@pytest.mark.parametrize("carries", [False, True])
+def test_links_that_an_effect_carries_are_no_sizes_of_it(carries: bool) -> None:
+    """Told anew, they may come to an effect that had none, or leave it."""
+    plain = LinkFlexibility.of(2, {})
+    pair = plain, carrying(plain, np.zeros((30, 2)))
+    named, alone = pair if carries else pair[::-1]
+    assert not outdone(
+        named, [replace(entry(alone), gain=10.0), entry(learned("motor", "position", [-1.0, 1.0])(2, (0.1, 0.1)))]
+    )
+
+
+def whole_bench() -> Any:
+    return SimpleNamespace(
+        **vars(BENCH), workers=1, campaign=SimpleNamespace(N=[100.0] * 3), guess=SimpleNamespace(K=[5e3] * 3)
+    )
+
+
+def test_friction_whose_creep_was_fitted_is_no_learned_friction_of_one_height(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has two values: a curve is drawn in its place, if one does as well."""
+    named, curve = creeping(MotorCoulomb(2, (0.1,)), -0.4), learned("motor", "position", [-1.0, 1.0])(2, (0.1, -0.1))
+    drawn = learned("motor", "sliding", [-1.0, 1.0])(2, (0.1, 0.1))
+    less = state(60.0, curve)
+    monkeypatch.setattr(ident.added, "linearised", lambda problem, vector: None)
+    monkeypatch.setattr(ident.added, "curves", lambda lin, workers: [SimpleNamespace(effect=drawn)])
+    monkeypatch.setattr(ident.added, "refitted", lambda *of: [(None, state(0.9, curve, drawn))])
+    monkeypatch.setattr(ident.added, "fully", lambda bench, one: one)
+    monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
+    both, entries = state(0.9, named, curve), [entry(named), entry(curve)]
+    best, told = drawn_over(whole_bench(), both, less, named, entries, lambda line: None)
+    assert best.effects == (curve, drawn) and [one.effect for one in told] == [drawn, curve]
+
+
+def test_a_second_name_in_the_heights_of_a_curve_is_of_the_curves_entry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the first one the curve's entry is not the last."""
+    named, curve = MotorQuadraticDrag(2, (3.0,)), learned("motor", "velocity", [-1.0, 1.0])(2, (0.1, -0.1))
+    monkeypatch.setattr(ident.added, "fitted", lambda bench, refit: state(0.9, *refit.effects))
+    monkeypatch.setattr(ident.added, "fully", lambda bench, one: one)
+    monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
+    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    entries = [replace(entry(curve), gain=5.0), replace(entry(named), gain=3.0)]
+    best, (one,) = drawn_over(
+        whole_bench(), state(0.9, named, curve), state(9.0, curve), named, entries, lambda line: None
+    )
+    assert best.effects == (one.effect,) == (curve,) and one.gain == 8.0
 
 
 def test_the_arm_without_effects_is_the_one_that_was_fitted_best() -> None:

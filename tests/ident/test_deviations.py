@@ -8,13 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ident.arm_fit import Problem
 from ident.bench import simulate
 from ident.campaign_model import model_of_campaign
-from ident.deviations import Change, Part, _bodies, deviations
+from ident.contradicted import Off, merged
+from ident.descent import Minimum
+from ident.deviations import Change, Deviation, Part, _bodies, deviations
 from ident.diagnose import begin
 from ident.effects.catalogue import parse
+from ident.effects.declared import GravityStiffness
 from ident.evidence import gravity_basis
 from ident.frf import estimate
+from ident.refits import State
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -108,3 +113,19 @@ def test_what_is_far_beyond_its_error_is_told_but_not_what_the_law_of_an_effect_
     assert (one.name, one.joint) == ("spring-damping", 0)
     assert value == pytest.approx(0.036, abs=4.0 * std) and std < 0.003
     assert deviations(campaign, model, bench.basis, replace(problem, effects=(off,)), found) == ()
+
+
+def test_a_number_that_an_effect_has_too_leaves_the_steps_of_its_information_as_they_are() -> None:
+    """Those of the arm that the fit began at, which need not be the declared one."""
+    effect, base = GravityStiffness(None, (0.0, 0.1, 0.2)), 6
+    values, wide = np.append(np.ones(base), effect.values), np.full(base + 3, 9.0)
+    problem = Problem((), 1, 1, 1, (effect,), 7.0 * np.ones(base + 3), -wide, wide, wide > 0.0, lambda scene, q: scene)
+    minimum = Minimum(values, np.eye(base + 3), 1.0, True)
+    state = State((effect,), (7.0,) * 3, ((-9.0, 9.0),) * 3, minimum, problem, 1.0)
+    heavier, damped = (
+        Off(Deviation(name, joint, ((what, -0.2, 0.01, ""),), 9.0, np.zeros(1), np.zeros(1)), 0.2, 0.1, state)
+        for name, joint, what in (("gravity-stiffness", None, "share"), ("spring-damping", 0, "damping"))
+    )
+    found, others = merged(state, (heavier, damped))
+    assert others == (damped,) and found.effects[0].values == (-0.2, 0.1, 0.2)
+    assert found.problem.scale is problem.scale and found.problem.effects_at(found.minimum.vector) == found.effects

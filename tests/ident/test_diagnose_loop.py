@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +19,7 @@ from ident.campaign import Array, Campaign
 from ident.candidates import catalogue, otherwise
 from ident.coupled import declared_start
 from ident.departures import groups
-from ident.diagnose import Begun, Diagnosis, _bent, _fits_alone, _little, _loop, _resumed, begin, diagnose
+from ident.diagnose import Begun, Diagnosis, _bent, _better, _fits_alone, _little, _loop, _resumed, begin, diagnose
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.friction import LinkViscous, MotorCoulomb
@@ -28,7 +28,7 @@ from ident.effects.learned import learned
 from ident.effects.spring import Backlash
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
-from ident.parts import split, split_lines, united
+from ident.parts import Split, split, split_lines, united
 from ident.refits import HASTILY, Bench, Refit, State, excess, fitted, linearised
 from ident.trace import linearise
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
@@ -79,7 +79,7 @@ def test_nothing_is_found_where_nothing_is(model: Model) -> None:
 def test_an_effect_that_no_group_of_lines_shows_is_looked_for(model: Model) -> None:
     faint, clean = (begun(model, *effects) for effects in ((FAINT,), ()))
     parts = faint.bench.split
-    assert excess(faint.bench, faint.start) < 1.1 and not groups(faint.bench, faint.start, parts.fit + parts.select)
+    assert excess(faint.bench, faint.start) < 1.1 and not groups(faint.start, parts.fit + parts.select)
     assert faint.departs and not clean.departs
 
 
@@ -258,7 +258,7 @@ def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
         "_resumed": lambda bench, start, state, added: (other, []),
         "_left_over": lambda *of: (),
         "contradicted": lambda bench, state: (),
-        "merged": lambda bench, state, contradictions: (state, ()),
+        "merged": lambda state, contradictions: (state, ()),
         "settled": lambda bench, state: state,
         "errors": lambda *of: none,
     }
@@ -267,6 +267,74 @@ def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
     monkeypatch.setattr("ident.refits.degrees", lambda data: 1)
     told = Begun((), (), bench, first).diagnosed()  # type: ignore[arg-type]
     assert (told.end is other, told.split.note) == (lines, "lines" if lines else "")
+
+
+def test_entries_are_in_the_order_in_which_they_were_added_and_errors_of_the_same_records(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A name that took a curve's place is the last of the model, not of the entries."""
+    second, renamed_first = Backlash(1, (1e-4,)), MotorCoulomb(0, (1e-3,))
+    start, found = (
+        SimpleNamespace(select=left, effects=of) for left, of in ((9.0, ()), (1.0, (second, renamed_first)))
+    )
+    added = [Added(e, (), 0.3, 0.2, 1.0, 1.0, (), (), ()) for e in (renamed_first, second)]
+    parts: Any = SimpleNamespace(note="lines", fit=(), select=(), report=("first", "unseen"))
+    stand_ins = {
+        "_loop": lambda *of: (found, added),
+        "_left_over": lambda *of: (),
+        "contradicted": lambda bench, state: (),
+        "merged": lambda state, contradictions: (state, ()),
+        "settled": lambda bench, state: state,
+        "standard_deviations": lambda *of: (),
+        "told_of": lambda split, effects, data: data[: -len(effects) // 2],
+        "errors": lambda bench, state, data: SimpleNamespace(all=state.select, of=data),
+    }
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    bench: Any = SimpleNamespace(split=parts, campaign=None, model=None)
+    told = Begun((), (), bench, start).diagnosed()  # type: ignore[arg-type]
+    assert [(one.effect, one.after) for one in told.added] == [(renamed_first, 0.2), (second, 1.0)]
+    assert told.before.of == told.after.of == ("first",)  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A record as a model has it, at so many of its lines."""
+
+    index: int
+    of: str
+    judged: str | None = None
+
+
+@pytest.mark.parametrize(
+    ("own", "given", "taken"),
+    [("", "", True), ("", "lines", True), ("lines", "lines", True), ("lines", "", False)],
+)
+def test_two_arms_are_compared_by_the_same_parts_of_the_records(
+    own: str, given: str, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But by lines where its own records tell one too little."""
+    arm = SimpleNamespace(vector=np.ones(4))
+    end: Any = SimpleNamespace(effects=(), minimum=arm, problem=SimpleNamespace(base=4))
+    monkeypatch.setattr("ident.diagnose.some", lambda end, keep: Refit(arm.vector, (), (), ()))
+    monkeypatch.setattr("ident.diagnose.all_fitted", lambda bench, refits: [SimpleNamespace(select=1.0)])
+    monkeypatch.setattr("ident.diagnose.fitted", lambda bench, refit: None)
+    monkeypatch.setattr(Refit, "of", lambda state: state)
+    data: Any = tuple(Piece(k, "own") for k in range(3))
+    one, two, three = data
+    bench: Any = Bench(
+        None, SimpleNamespace(chain=SimpleNamespace(n=1)), None, Split((one,), (two,), (three,), own),
+        SimpleNamespace(vector=lambda: arm.vector), 1,
+    )  # type: ignore[arg-type] # fmt: skip
+    other: Any = Split(
+        (Piece(2, "other", "a"), Piece(0, "other")), (Piece(2, "other", "b"),), (Piece(1, "other"),), given
+    )
+    begun = Begun((), data, bench, SimpleNamespace(minimum=arm))  # type: ignore[arg-type]
+    found = begun.beside(end, other)[0].split
+    fit = (Piece(2, "own", "a"), Piece(0, "own"))
+    same: Any = Split(fit, (Piece(2, "own", "b"),), (Piece(1, "own"),), given)
+    expected = same if taken else bench.split
+    assert [getattr(found, part) for part in vars(same)] == [getattr(expected, part) for part in vars(same)]
 
 
 @pytest.mark.parametrize(
@@ -305,8 +373,11 @@ def test_lines_of_every_record_begin_with_what_was_found_where_that_leaves_littl
     monkeypatch.setattr(Refit, "of", lambda state: state)
     bench: Any = SimpleNamespace(split=SimpleNamespace(select=(), report=()))
     found: Any = SimpleNamespace(effects=())
-    resumed = _resumed(bench, start, found, [entry(0.3, 0.2), entry(0.2, 0.1)])  # type: ignore[arg-type]
+    led: Any = SimpleNamespace(select=0.5, effects=())  # by fewer records
+    entries = [replace(entry(0.3, 0.2), besides=led), entry(0.2, 0.1)]
+    resumed = _resumed(bench, start, found, entries)  # type: ignore[arg-type]
     assert (resumed is not None) == goes_on
+    assert resumed is None or _better(start, resumed[1]) is start  # type: ignore[arg-type,comparison-overlap]
     assert resumed is None or [(one.before, one.after) for one in resumed[1]] == [(41.0, 0.2), (0.2, left)]
     assert _resumed(bench, start, found, []) is None, "nothing was found"  # type: ignore[arg-type]
 

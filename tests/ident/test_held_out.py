@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from diagnosed import JOINT, LEVEL, REPORT, diagnosis, unexplained
 
+from ident.effects.declared import ChangeBetweenRecords
 from ident.effects.motor import TorqueLag
 from ident.effects.structure import AttachedResonator
 from ident.held_out import carried, held_out, noise_floor, reconstructed, sources, without
@@ -34,6 +35,16 @@ def test_an_error_of_noise_alone_is_as_large_as_the_noise_says():
     per_joint, per_band = noise_floor(held_out(d), d.campaign.joints)
     assert per_joint["joint2"] == pytest.approx(d.after.noise, rel=1e-12)
     assert set(per_band) == set(d.after.per_band)
+
+
+def test_a_record_that_the_errors_leave_out_is_not_held_out():
+    """Nobody saw whether the fourth record was before the change that the fifth one shows: its noise is no share of the floor."""
+    d = diagnosis()
+    unseen = replace(d.split, fit=d.split.fit[:3], report=(d.split.fit[3], *d.split.report))
+    change = ChangeBetweenRecords(JOINT, (5.0, 0.2, 0.0, 0.0))
+    told = held_out(replace(d, split=unseen, end=replace(d.end, effects=(*d.end.effects, change))))
+    assert [row.record for row in told] == [*REPORT]
+    assert [row.record for row in held_out(replace(d, split=unseen))] == [3, *REPORT]
 
 
 def test_the_reconstructed_force_is_the_friction_that_was_put_in():
