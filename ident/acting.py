@@ -239,11 +239,11 @@ def _motion(
         by_link = by_link - (to_links[:, :, :m] @ x[..., None])[..., 0]
 
     tau_error, theta_error = scene.noise
-    torque = np.abs(by_motor)
+    torque, gear = np.abs(by_motor), np.abs(N)
     errors = {
-        "motor": N * tau_error + np.abs(rotor) / N * theta_error + TRUST * np.abs(N * tau),
-        "spring": np.abs(K) / N * theta_error + TRUST * torque,
-        "link": np.abs(K) / N * theta_error + TRUST * torque,
+        "motor": gear * tau_error + np.abs(rotor) / gear * theta_error + TRUST * np.abs(N * tau),
+        "spring": np.abs(K) / gear * theta_error + TRUST * torque,
+        "link": np.abs(K) / gear * theta_error + TRUST * torque,
     }
     a, b, c = (1.0 / (error + doubts[port] * (torque + np.abs(on[port]))) ** 2 for port, error in errors.items())
     total = a + b + c

@@ -35,11 +35,11 @@ Units = tuple[float, ...]
 
 
 def names_alike(state: State) -> tuple[State, list[tuple[Candidate, Linearised]]]:
-    """The model without its last effect, a curve; and names at its port that have nearly its force beside a straight line, best first,
-    each with the arm to be refitted from."""
+    """The model without its last effect, a curve, as nobody has judged it; and names at its port that have nearly its force beside a
+    straight line, best first, each with the arm to be refitted from."""
     curve, lin = state.effects[-1], linearised(state.problem, state.minimum.vector)
     less = some(state, but_last(state))
-    plain = replace(state, effects=less.effects, scales=less.scales, limits=less.limits)
+    plain = replace(state, effects=less.effects, scales=less.scales, limits=less.limits, select=np.inf)
     drawn, problem = Drawn.of(lin, curve), replace(state.problem, effects=less.effects)
     found = (drawn.by(effect, unit) for effect, unit in _likely(lin, curve))
     best: dict[str, tuple[float, Effect]] = {}

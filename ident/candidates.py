@@ -116,8 +116,7 @@ def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
 
 def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
     """What its impedance, gains and shift of posture add in record `at`."""
-    one, kind = lin.problem.data[at], type(effect)
-    scene, pushes, (p, arm) = one.scene, lin.pushes[at], lin.arms[at]
+    kind, scene, pushes, (p, arm) = type(effect), lin.scenes[at], lin.pushes[at], lin.arms[at]
     live, s, m = scene.arm.live, scene.s, len(scene.arm.live)
     total = np.zeros_like(scene.theta)
     Z: Complex | None = None
@@ -207,7 +206,7 @@ def _scored(lin: Linearised, kind: type[Effect], joint: int | None) -> Iterator[
 def _possible(lin: Linearised, effect: Effect, unit: Sequence[float]) -> Candidate | None:
     """The effect, those of its values that are linear as they fit best; None where that is no arm."""
     try:
-        return _sized(lin, effect, unit, [p.name for p in effect.parameters])
+        return _sized(lin, effect, unit)
     except (ArithmeticError, IdentError, np.linalg.LinAlgError, ValueError):
         return None
 
@@ -215,7 +214,7 @@ def _possible(lin: Linearised, effect: Effect, unit: Sequence[float]) -> Candida
 def larger(one: Candidate, times: float) -> Candidate:
     """The candidate, its sizes so many times as large: what moves less for its own force promises less than it is."""
     values = [
-        value * (1.0 if p.zero is None else times)
+        value * (1.0 if p.zero is None or p.aside else times)
         for value, p in zip(one.effect.values, one.effect.parameters, strict=True)
     ]
     return replace(one, effect=one.effect.with_values(values))
@@ -309,10 +308,10 @@ def _orders(lin: Linearised, kind: type[Effect], joint: int, most: int) -> tuple
     return tuple(float(ORDERS[k]) for k in best)
 
 
-def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequence[str]) -> Candidate | None:
+def _sized(lin: Linearised, effect: Effect, unit: Sequence[float]) -> Candidate | None:
     """The effect with the sizes that fit best to first order, shapes kept; None where none fits within the bounds."""
-    kind, values = type(effect), list(effect.values)
-    sizes = [k for k, p in enumerate(kind.parameters) if p.zero is not None and not p.declared]
+    kind, values, names = type(effect), list(effect.values), [p.name for p in effect.parameters]
+    sizes = [k for k, p in enumerate(kind.parameters) if p.zero is not None and not (p.declared or p.aside)]
     columns, moved = [], []
     if "phase" in names and "amplitude" in names:
         a, f = names.index("amplitude"), names.index("phase")
@@ -356,7 +355,8 @@ def _sized(lin: Linearised, effect: Effect, unit: Sequence[float], names: Sequen
             if p.zero is None or len(sizes) < 2:
                 return None
             values[k] = float(np.clip(values[k], low, high))
-        scales.append(max(abs(values[k]), 0.1 * abs(u * max(abs(x) for x in p.sizes)), 1e-12 * abs(u)))
+        usual = max(abs(values[k]), 0.1 * abs(u * max(abs(x) for x in p.sizes)), 1e-12 * abs(u))
+        scales.append(1.0 if p.aside else usual)
     return Candidate(effect.with_values(values), gain, tuple(scales)) if gain > 0.0 else None
 
 
@@ -383,9 +383,9 @@ def _held(lin: Linearised, effect: Effect, at: int) -> float:
 
 
 def only_size(kind: type[Effect], values: Sequence[float], keep: int) -> list[float]:
-    """`values` with all sizes but one at zero, shapes kept."""
+    """`values` with all sizes but one at zero, shapes and what is aside kept."""
     return [
-        v if k == keep or p.zero is None else p.zero
+        v if k == keep or p.zero is None or p.aside else p.zero
         for k, (v, p) in enumerate(zip(values, kind.parameters, strict=True))
     ]
 

@@ -48,7 +48,8 @@ def best_names(tried: Sequence[Tried], by: Callable[[Tried], float] = left_by) -
 
 def vanished(effect: Effect) -> bool:
     """Whether nothing is left of an effect: all its sizes are zero, whatever its other values are."""
-    sizes = [value - p.zero for value, p in zip(effect.values, effect.parameters, strict=True) if p.zero is not None]
+    values = zip(effect.values, effect.parameters, strict=True)
+    sizes = [value - p.zero for value, p in values if p.zero is not None and not p.aside]
     return bool(sizes) and not any(sizes)
 
 
@@ -74,7 +75,7 @@ def plainest(bench: Bench, named: Sequence[Tried], doubt: float = DOUBT) -> Trie
     order = list(CATALOGUE)
     return min(
         (pair for pair in named if left_by(pair) <= limit),
-        key=lambda pair: (len(pair[0].effect.values), order.index(pair[0].effect.name), left_by(pair)),
+        key=lambda pair: (pair[0].effect.numbers, order.index(pair[0].effect.name), left_by(pair)),
     )
 
 
@@ -84,7 +85,7 @@ def rivals(bench: Bench, tried: Sequence[Tried], best: Tried) -> list[Tried]:
         return []
     limit = left_by(best) + TIE + DOUBT * degrees(bench.split.select)
     others = [one for one in best_names(tried) if one[0].key != best[0].key and left_by(one) <= limit]
-    return [one for one in others if len(one[0].effect.values) <= len(best[0].effect.values)]
+    return [one for one in others if one[0].effect.numbers <= best[0].effect.numbers]
 
 
 def _much_better(bench: Bench, by_curve: float, named: State) -> bool:

@@ -21,6 +21,7 @@ from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis, scenes_of
 from ident.fit import UNTOLD, chi2_limit, two_mass
 from ident.frf import Complex, Frf
+from ident.parts import degrees
 from ident.start import START_DAMPING
 from symgen.plan import Model
 
@@ -153,11 +154,11 @@ def problem_of(
 def degrees_of_freedom(problem: Problem, found: Minimum) -> tuple[int, float]:
     """Returns the degrees of freedom of chi^2, and the chi^2 per degree that noise alone rarely exceeds: noise powers are
     shared by all lines, and right to `NOISE_MODEL`."""
-    lines = sum(one.scene.theta.size for one in problem.data)
-    dof = 2 * lines - int(spectrum(found.information)[2].sum())
+    judged = degrees(problem.data)
+    dof = judged - int(spectrum(found.information)[2].sum())
     width = int(np.mean([len(one.sampling.f) for one in problem.data]))
     noise_dof = float(np.mean([max(one.noise_dof, 5.0) for one in problem.data]))
-    return dof, (1.0 + NOISE_MODEL) * chi2_limit(lines, dof, noise_dof, width)
+    return dof, (1.0 + NOISE_MODEL) * chi2_limit(judged // 2, dof, noise_dof, width)
 
 
 def _starts(
@@ -197,7 +198,7 @@ def _damped(
 ) -> Start:
     """These drives and links with a damping of 1 %."""
     J = np.mean([np.diag(model.J_cad(frf.posture)) for frf in responses], axis=0)
-    D, D_spring = 2 * START_DAMPING * np.sqrt(K * J_m) / campaign.N, 2 * START_DAMPING * np.sqrt(K * J)
+    D, D_spring = 2 * START_DAMPING * np.sqrt(K * J_m) / np.abs(campaign.N), 2 * START_DAMPING * np.sqrt(K * J)
     return Start(K, J_m, D, D_spring, alpha, gravity)
 
 

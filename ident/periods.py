@@ -61,7 +61,7 @@ def spectrum(
     if not own or not max(x.max() for x in places) > min(x.min() for x in places):
         return None
     low, span = min(x.min() for x in places), max(x.max() for x in places) - min(x.min() for x in places)
-    if span > FARTHEST * (float(lin.problem.data[0].scene.N[joint]) if side == "motor" else 1.0):
+    if span > FARTHEST * (float(abs(lin.problem.data[0].scene.N[joint])) if side == "motor" else 1.0):
         return None  # the arm is so far from the true one that its links' motion means nothing
     lowest = min(WAVES * 2.0 * np.pi / span, highest) if lowest is None else lowest
     orders = np.geomspace(lowest, highest, POWERS)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm_fit import Problem, Slides, chi_squared, hold
+from ident.arm_fit import Problem, Slides, chi_squared, hold, unexpected
 from ident.arm_model import Parameters
 from ident.campaign import Array, Campaign
 from ident.coupled import DOUBTS, problem_of
@@ -88,7 +88,7 @@ class Bench:
 @dataclass(frozen=True, eq=False)
 class State:
     """A fitted model: its effects, its minimum on the fit records, chi^2 on the choosing ones, how `roughly` it was fitted (fall of
-    chi^2 that ended it); both chi^2 as all lines would have it."""
+    chi^2 that ended it); both chi^2, and the information, as all lines would have it."""
 
     effects: tuple[Effect, ...]
     scales: tuple[float, ...]
@@ -165,11 +165,12 @@ def fitted(bench: Bench, refit: Refit) -> State:
     if refit.roughly > FAINTLY:
         fit, select = (tuple(sampled(one, FEW_SAMPLES) for one in part) for part in (fit, select))
     if hasty:
-        fit, select = (part[:: max(1, round(len(part) / FEW_RECORDS))] for part in (fit, select))
+        fit, select = _few(fit), _few(select)
     lines = refit.lines or (FEW_LINES if hasty else None)
     if lines is not None:
         fit, select = (tuple(few_lines(one, lines) for one in part) for part in (fit, select))
     problem = replace(bench.problem(fit, *more), slid=refit.slid)
+    whole = degrees(bench.split.fit) / degrees(fit), degrees(bench.split.select) / degrees(select)
     try:
         with np.errstate(all="ignore"):
             minimum = minimise(problem, refit.vector, refit.doubts, refit.outer, refit.roughly)
@@ -181,13 +182,25 @@ def fitted(bench: Bench, refit: Refit) -> State:
                 less = chi_squared(chosen, vector, hold(chosen, vector))
                 if less < chi2:
                     minimum, chi2 = replace(minimum, vector=vector, chi2=before), less
+            minimum = _by_all_lines(problem, minimum, whole[0])
     except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
         nothing = np.zeros((len(refit.vector), len(refit.vector)))
         minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
-    whole = degrees(bench.split.fit) / degrees(fit), degrees(bench.split.select) / degrees(select)
-    minimum = replace(minimum, chi2=minimum.chi2 * whole[0])
     effects, left = problem.effects_at(minimum.vector), chi2 * whole[1]
     return State(effects, refit.scales, refit.limits, minimum, problem, left, refit.roughly)
+
+
+def _few(part: tuple[Evidence, ...]) -> tuple[Evidence, ...]:
+    """About `FEW_RECORDS` of some records, of every joint's the same share: in a campaign joints may take turns."""
+    by_joint = sorted(part, key=lambda one: one.excited)
+    return tuple(sorted(by_joint[:: max(1, round(len(part) / FEW_RECORDS))], key=lambda one: one.index))
+
+
+def _by_all_lines(problem: Problem, minimum: Minimum, times: float) -> Minimum:
+    """A minimum by some lines as all, so many `times` as many, would have it; they tell no more of what is known beforehand."""
+    beforehand = unexpected(problem, minimum.vector)[2]
+    information = times * minimum.information - (times - 1.0) * beforehand
+    return replace(minimum, chi2=times * minimum.chi2, information=information)
 
 
 def linearised(problem: Problem, vector: Array) -> Linearised:
@@ -225,11 +238,13 @@ def on_declared_links(state: State) -> Refit | None:
 
 
 def standing(bench: Bench, state: State, keep: Sequence[int]) -> tuple[State, Linearised]:
-    """The model with those of its effects at these places, the arm left as it is, and what is linearised there."""
+    """The model with those of its effects at these places, the arm left as it is, and what is linearised there. Its chi^2 on the choosing
+    records is what the others have, of as many lines; its minimum is that of all effects."""
     less = some(state, keep)
-    plain = replace(state, effects=less.effects, scales=less.scales, limits=less.limits)
     problem = bench.problem(state.problem.data, less.effects, less.scales, less.limits)
-    return plain, linearised(problem, less.vector)
+    lin = linearised(problem, less.vector)
+    left = lin.chi2 * degrees(bench.split.select) / degrees(problem.data)
+    return replace(state, effects=less.effects, scales=less.scales, limits=less.limits, select=left), lin
 
 
 def but_last(state: State) -> range:

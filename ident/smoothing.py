@@ -137,6 +137,7 @@ def _sliding(
     scene, (port, k) = arm.scene, key
     joint = int(scene.arm.live[k])
     N = float(scene.arm.N[k]) if port == "motor" else 1.0
+    side = float(np.sign(N))
     state, astray = motion.state(joint), motion.astray(port, joint)
     position, measured = state.at(port)
 
@@ -147,15 +148,16 @@ def _sliding(
         def force(v: Array) -> Array:
             moved = here.moved(port, place, v)
             forces = over_periods(lambda at: sum(law.over_period(at) for law in laws), moved, port, away)
-            return np.asarray(-N * forces, dtype=float)
+            return np.asarray(-abs(N) * forces, dtype=float)
 
         return force
 
     v0, Y = arm.rate(key, on)
+    Y = side * Y
     reach = 0.0 if astray is None else float((np.abs(astray.mean) + astray.most).max())
     best, found, least = start, last, np.inf
-    alone = scene.in_time(np.stack([v0, start.lines], axis=1))
-    driven = arm.images[:, k] * scene.arm.N[k] if port == "motor" else None
+    alone = scene.in_time(np.stack([v0, side * start.lines], axis=1))
+    driven = arm.images[:, k] * abs(scene.arm.N[k]) if port == "motor" else None
 
     def likely(g: float) -> list[Array]:
         return [friction(EVERYWHERE)(v) + g * v for v in (measured, balanced(scene, friction(EVERYWHERE), v0, Y))]
@@ -168,6 +170,7 @@ def _sliding(
     for times, way in tries:
         g = times * (BEHIND if port == "link" else 1.0) / float(np.median(np.abs(Y)))
         force, slope, ends = in_turns(scene, friction, g, v0, Y, way(g), turns, reach, driven)
+        force = replace(force, lines=side * force.lines, mean=side * force.mean)
         misfit = arm.misfit(on | {key: on[key].plus(force)})
         found = ends if found is None else found
         if misfit < least:  # else it is no number: a law that is far too strong

@@ -32,7 +32,7 @@ def starts_of(f: Array, G: Complex, sigma: Array, N: float, fs: float, hold: str
     yield from _scanned_starts(w, H, sigma / np.abs(free), N)
     J_top = float(1.0 / np.abs(H[-1]))
     above = (2 * np.pi * 1.5 * f[-1]) ** 2 * J_top / 2 * N**2
-    damping = 2 * START_DAMPING * np.sqrt(above * J_top / 2) * N
+    damping = 2 * START_DAMPING * np.sqrt(above * J_top / 2) * abs(N)
     yield np.array([J_top / 2, above, J_top / 2 * N**2, J_top * w[0], damping, 0.0])
 
 

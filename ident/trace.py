@@ -21,7 +21,7 @@ from ident.campaign import Array
 from ident.effects.base import Known
 from ident.effects.motion import Motion
 from ident.frf import Complex
-from ident.scene import in_record, known, linear_extra
+from ident.scene import Scene, in_record, known, linear_extra
 
 #: Ports at which one signal acts on one joint.
 PORTS = ("motor", "spring", "link", "sensor")
@@ -70,11 +70,17 @@ class Linearised:
         return tuple(_real(A[one.use], A.shape[2]) for one, A in zip(self.problem.data, self.A, strict=True))
 
     @cached_property
+    def scenes(self) -> tuple[Scene, ...]:
+        """Each record's scene, at the posture where the effects put the arm."""
+        effects = self.problem.effects_at(self.vector)
+        return tuple(self.problem.scene(one, effects) for one in self.problem.data)
+
+    @cached_property
     def arms(self) -> tuple[tuple[Parameters, Known], ...]:
         """The arm as it is in each record, and as effects know it there."""
         effects, p = self.problem.effects_at(self.vector), self.problem.parameters(self.vector)
         here = [in_record(p, effects, one.index) for one in self.problem.data]
-        return tuple((p, known(one.scene, p)) for one, p in zip(self.problem.data, here, strict=True))
+        return tuple((p, known(scene, p)) for scene, p in zip(self.scenes, here, strict=True))
 
     @cached_property
     def chi2(self) -> float:
@@ -83,11 +89,11 @@ class Linearised:
     @cached_property
     def motions(self) -> dict[str, tuple[Motion, ...]]:
         """For each port: how the arm moved in each record, found without trusting the equation of that port."""
-        effects, p = self.problem.effects_at(self.vector), self.problem.parameters(self.vector)
+        effects = self.problem.effects_at(self.vector)
 
         def at(port: str) -> Iterator[Motion]:
-            for one in self.problem.data:
-                how = moved(self.problem.scene(one, effects), in_record(p, effects, one.index), effects, port)
+            for scene, (p, _) in zip(self.scenes, self.arms, strict=True):
+                how = moved(scene, p, effects, port)
                 assert how is not None
                 yield how.motion
 
@@ -121,9 +127,8 @@ class Linearised:
         """For each record and port: what unit signals at the live joints do to all whitened angles [L, m (angle), m (joint)], joint
         side; a motor's own torque counts N times."""
         effects, found = self.problem.effects_at(self.vector), []
-        for one, W, (p, _) in zip(self.problem.data, self.W, self.arms, strict=True):
-            scene = self.problem.scene(one, effects)
-            extra = linear_extra(scene, self.problem.parameters(self.vector), effects)
+        for scene, W, (p, _) in zip(self.scenes, self.W, self.arms, strict=True):
+            extra = linear_extra(scene, p, effects)
             on_motor, on_link = transfer(scene.arm, p, scene.s, extra)
             by_port = {"motor": on_motor * scene.arm.N, "spring": on_link - on_motor, "link": on_link}
             found.append({port: W @ matrix for port, matrix in by_port.items()} | {"sensor": W})

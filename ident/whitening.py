@@ -57,7 +57,7 @@ def noise_powers(
     G = response(arm, p, sampling, extra)
     error = noise.samples[:, :, m:] - np.einsum("lij,rlj->rli", G, noise.samples[:, :, :m])
     power = np.mean(np.abs(error) ** 2, axis=0)
-    largest = (np.abs(theta) / arm.N).max(axis=1)[:, None]
+    largest = (np.abs(theta) / np.abs(arm.N)).max(axis=1)[:, None]
     least = np.maximum(noise.floor, (MODEL_ACCURACY * largest * arm.N) ** 2)
     rows = np.concatenate([np.abs(G) ** 2, np.broadcast_to(np.eye(m), (L, m, m))], axis=2)
     predicted, powers = moving_average(power, min(SMOOTHED, L)), np.zeros(2 * m)

@@ -59,13 +59,13 @@ class MotorQuadraticDrag(Law):
 
 @final
 class LoadDependentFriction(Law):
-    """Gear friction in proportion to the torque that the gear carries: share |spring| / |N| against the motor."""
+    """Dry friction of the output in proportion to the torque that its spring carries: share |spring| against the link."""
 
-    name, port, dry = "load-dependent-friction", "motor", True
+    name, port, dry = "load-dependent-friction", "link", True
     parameters = (Parameter("share", "", 0.0, 1.0, (0.05, 0.02), linear=True),)
 
     def law(self, at: State) -> Any:
-        return -self["share"] / abs(at.N) * abs(at.spring) * direction(at.omega, at.N, self.creep)
+        return -self["share"] * abs(at.spring) * direction(at.q_rate, 1.0, self.creep)
 
 
 @final

@@ -167,6 +167,16 @@ def test_a_start_far_off_ends_at_the_same_optimum(
     assert np.all(np.abs(found.alpha - best.alpha) < 0.1 * std)  # a fit ends within a hundredth of what is left
 
 
+def test_a_reversed_gear_gives_the_same_arm(model: Model, noisy: Campaign) -> None:
+    """The same records, told by a motor that turns the other way; dampings are not declared."""
+    sign = np.array([1.0, -1.0])
+    records = tuple(replace(one, tau=one.tau * sign, theta=one.theta * sign) for one in noisy.records)
+    found, turned = fitted(model, noisy), fitted(model, replace(noisy, N=noisy.N * sign, records=records))
+    assert found.explained and turned.explained and turned.converged
+    for name in ("alpha", "K", "J_m", "D", "D_spring"):
+        np.testing.assert_allclose(getattr(turned, name), getattr(found, name), rtol=1e-6)
+
+
 @pytest.mark.parametrize("draws", [12, pytest.param(60, marks=pytest.mark.bench)])
 def test_noise_gives_honest_deviations(model: Model, draws: int) -> None:
     """chi^2 within its limit, errors of alpha in units of their standard deviations like a normal variable's."""

@@ -6,6 +6,7 @@ from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import ident.choice
@@ -15,12 +16,14 @@ import ident.naming
 import ident.trials
 import ident.tried
 from ident.candidates import Candidate
-from ident.choice import drawn_whole, hardly_bent, law_leads, vanished
+from ident.choice import drawn_whole, hardly_bent, law_leads, plainest, rivals, vanished
 from ident.effects.base import Effect
+from ident.effects.carried import carrying
+from ident.effects.creeping import creeping
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.learned import learned
 from ident.effects.spring import SpringHardening, TransmissionError
-from ident.effects.structure import AttachedResonator
+from ident.effects.structure import AttachedResonator, LinkFlexibility
 from ident.finer import finely, leader_finely
 from ident.naming import of_any_order, plainer
 from ident.refits import FINELY, HASTILY
@@ -177,6 +180,16 @@ def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
     monkeypatch.setattr(ident.naming, "fully", lambda bench, state: state)
     monkeypatch.setattr(ident.choice, "degrees", lambda data: DOF)
     assert type(plainer(BENCH, found, lambda line: None)[0].effect) is best
+
+
+def test_what_is_fitted_aside_counts_for_nobody() -> None:
+    """Neither how a contact creeps nor by how much links are off: another of as many numbers may be it as well."""
+    creeps, rubs = one(creeping(MotorCoulomb(1, (0.1,)), 0.3), 1.0), one(MotorQuadraticDrag(1, (1e-5,)), 1.001)
+    carries, rings = carrying(LinkFlexibility(1, (2e4, 0.5, 2e-4, 1.0)), np.ones((30, 2))), AttachedResonator
+    assert plainest(BENCH, [creeps, rubs]) is creeps
+    assert rivals(BENCH, [creeps, rubs], rubs) == [creeps] and not vanished(carries)
+    heavy, other = one(carries, 1.001), one(rings(1, (1e-3, 20.0, 1e-4)), 1.0)
+    assert rivals(BENCH, [heavy, other], one(LinkFlexibility(2, carries.values[:4]), 1.0)) == [other, heavy]
 
 
 @pytest.mark.parametrize(

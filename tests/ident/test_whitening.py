@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ident.arm_model import Parameters, Posture, Sampling, response
-from ident.whitening import Noise, noise_powers, whitening
+from ident.whitening import MODEL_ACCURACY, Noise, noise_powers, whitening
 
 RNG = np.random.default_rng(3)
 M, R, LINES = 3, 7, 0.5 * np.arange(1, 161)
@@ -46,3 +48,12 @@ def test_a_joint_that_drifts_leaves_the_others_their_noise(size: float) -> None:
     W = whitening(powers, np.zeros((len(LINES), M)))
     level = (np.abs(np.einsum("lij,rlj->rli", W, samples(drift).samples[:, :, M:])) ** 2).mean(axis=(0, 1))
     assert level[0] < 1.3 and level[2] < 1.3
+
+
+def test_no_angle_is_quieter_than_the_model_tells_it_whichever_way_gears_turn() -> None:
+    theta, turned = np.zeros((len(LINES), M)), replace(ARM, N=-ARM.N)
+    theta[:, 0] = 10.0
+    nothing = Noise(np.zeros((R, len(LINES), 2 * M), dtype=complex), FLOOR)
+    for arm in (ARM, turned):
+        powers = noise_powers(arm, P, SAMPLING, nothing, theta)
+        np.testing.assert_allclose(powers.angle, (MODEL_ACCURACY * 10.0) ** 2)

@@ -1,0 +1,68 @@
+"""Models refitted by a part of the records and lines: which part, and what it tells of all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from diagnosed import CELLS, ROOT
+
+from ident.bench import simulate
+from ident.coupled import declared_start
+from ident.descent import Minimum
+from ident.effects.catalogue import CATALOGUE
+from ident.evidence import evidence, gravity_basis
+from ident.frf import estimate
+from ident.parts import Split
+from ident.refits import CLOSE, FEW_RECORDS, Bench, Refit, _by_all_lines, _few, excess, fitted, standing
+from symgen.plan import chain_of_robot, make_model
+from symgen.robot import load_robot
+
+SCALED = CATALOGUE["torque-scale"](1, (-0.1,))
+
+
+@cache
+def bench() -> Bench:
+    """Of one record of a motor that gives a tenth less than it says."""
+    robot = load_robot(ROOT / "robots/ypp3")
+    chain = chain_of_robot(robot)
+    short = replace(robot, experiment=replace(robot.experiment, f0=1.0, band=(1.0, 100.0), periods=3))
+    c = simulate(chain, short, CELLS[1:2], effects=[SCALED], workers=1)
+    model, frf = make_model(chain, believe_zeros=True), estimate(c.records[0], c)
+    basis = gravity_basis(model, c.gravity)
+    data = (evidence(c, model, basis, frf, 0, "usable"),)
+    return Bench(c, model, basis, Split(data, data, data, ""), declared_start(c, model, (frf,), basis), 1)
+
+
+def test_few_records_are_of_every_joint() -> None:
+    """Though they were made posture by posture, the joints by turns: every other one is of every other joint."""
+    records: Any = tuple(SimpleNamespace(index=k, excited=k % 6) for k in range(6 * 8))
+    few = [(one.index, one.excited) for one in _few(records)]
+    assert FEW_RECORDS <= len(few) <= 1.5 * FEW_RECORDS and few == sorted(few)
+    assert {sum(joint == j for _, joint in few) for j in range(6)} == {4}
+    assert _few(records[:FEW_RECORDS]) == records[:FEW_RECORDS]
+
+
+def test_few_lines_tell_deviations_as_all_would() -> None:
+    start = Refit(bench().guess.vector(), (), (), (), 1)
+    few, whole = (fitted(bench(), one).minimum.information.diagonal() for one in (replace(start, lines=12), start))
+    told = whole > 1e-6 * whole.max()
+    assert 0.7 < np.exp(np.mean(np.log(few[told] / whole[told]))) < 1.5  # 0.4, were it that of the few
+
+
+def test_few_lines_tell_no_more_of_what_is_known_beforehand() -> None:
+    known, seen = np.array([1.0, 0.0]), np.array([[4.0, 1.0], [1.0, 2.0]])
+    problem: Any = SimpleNamespace(expected=(np.zeros(2), known), scale=np.ones(2))
+    found = _by_all_lines(problem, Minimum(np.zeros(2), seen + np.diag(known), 3.0, True), 5.0)
+    np.testing.assert_allclose(found.information, 5.0 * seen + np.diag(known))
+    assert found.chi2 == 15.0
+
+
+def test_a_model_without_an_effect_leaves_what_that_explained() -> None:
+    vector, limits = np.append(bench().guess.vector(), SCALED.values), ((-0.5, 0.5),)
+    state = fitted(bench(), Refit(vector, (SCALED,), (0.1,), limits, 1))
+    plain, _ = standing(bench(), state, [])
+    assert not plain.effects and excess(bench(), state) < CLOSE < excess(bench(), plain)

@@ -1,0 +1,106 @@
+"""What candidates promise: to first order what they do to the very arm that was fitted, whichever way its gears turn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosed import CELLS, ROOT
+
+from ident.arm_fit import Problem, hold, residual
+from ident.bench import simulate
+from ident.campaign import Array, Campaign
+from ident.candidates import added, otherwise
+from ident.coupled import declared_start, problem_of
+from ident.effects.base import Effect
+from ident.effects.carried import carrying
+from ident.effects.catalogue import CATALOGUE
+from ident.effects.sensor import JointZeroOffset
+from ident.evidence import evidence, gravity_basis
+from ident.frf import estimate
+from ident.periods import spectrum
+from ident.trace import Linearised, linearise
+from symgen.plan import chain_of_robot, make_model
+from symgen.robot import load_robot
+
+ROBOT = load_robot(ROOT / "robots/ypp3")
+CHAIN = chain_of_robot(ROBOT)
+MODEL = make_model(CHAIN, believe_zeros=True)
+FAR, CHANGED = JointZeroOffset(2, (1.2,)), CATALOGUE["change-between-records"](0, (1.0, 0.6, 0.0, 0.0))
+COUPLED, VISCOUS = CATALOGUE["motor-coupling"](0, (0.3, 1.0)), CATALOGUE["link-viscous"](0, (1e-3,))
+BENT = CATALOGUE["link-flexibility"](1, (2e5, 0.6, 2e-4, 1.0))
+
+
+@cache
+def campaign() -> Campaign:
+    short = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, band=(1.0, 100.0), periods=3))
+    return simulate(CHAIN, short, CELLS[1:2], workers=1)
+
+
+def declared(c: Campaign, effects: tuple[Effect, ...], lines: str) -> tuple[Problem, Array]:
+    """The declared arm with `effects`, and its record at such lines."""
+    basis, frf = gravity_basis(MODEL, c.gravity), estimate(c.records[0], c)
+    one, start = evidence(c, MODEL, basis, frf, 0, lines), declared_start(c, MODEL, (frf,), basis)
+    values = [value for effect in effects for value in effect.values]
+    scales, limits = [1e-3] * len(values), [(-np.inf, np.inf)] * len(values)
+    problem = problem_of(c, MODEL, basis, (one,), start, effects, scales, limits)
+    return problem, np.concatenate([start.vector(), values])
+
+
+def left(effects: tuple[Effect, ...]) -> np.ndarray:
+    """Measured less predicted angles of the declared arm with `effects` [L, m]."""
+    problem, vector = declared(campaign(), effects, "usable")
+    return residual(problem, vector, problem.data[0], None)[0]
+
+
+def explained(there: tuple[Effect, ...], by: tuple[Effect, ...]) -> Linearised:
+    """The declared arm with the effects `there`, of a record which tells that arm with those `by` which it was made."""
+    problem, vector = declared(campaign(), there, "usable")
+    (one,) = problem.data
+    made = replace(one, scene=replace(one.scene, theta=one.scene.theta - left(by)))
+    problem = replace(problem, data=(made,))
+    return linearise(problem, vector, hold(problem, vector))
+
+
+@pytest.mark.parametrize(
+    ("there", "candidate"),
+    [
+        ((FAR,), JointZeroOffset(2, (1e-5,))),  # of another J than where the joint reads to be
+        ((FAR,), CATALOGUE["link-flexibility"](1, (1e9, 0.6, 2e-4, 0.0))),
+        ((CHANGED, COUPLED), VISCOUS),  # of another spring in this record, which loads both motors
+    ],
+    ids=lambda one: one.name if isinstance(one, Effect) else "",
+)
+def test_a_candidate_promises_what_it_does_to_the_fitted_arm(there: tuple[Effect, ...], candidate: Effect) -> None:
+    lin = explained(there, there)
+    does = (lin.W[0] @ (left(there) - left((*there, candidate)))[..., None])[..., 0]
+    (promised,) = added(lin, candidate)
+    assert promised is not None
+    assert np.linalg.norm(promised - does) < 0.03 * np.linalg.norm(does)
+
+
+def test_links_that_an_effect_carries_are_no_sizes_of_it() -> None:
+    """They stay where they are, and one is a large step of each: so it is tried in another shape, too."""
+    directions = 0.1 * np.random.default_rng(2).normal(size=(30, 2)) * CHAIN.parameters[:, None]
+    true = carrying(BENT, directions).with_values([*BENT.values, 0.5, -1.0])
+    lin = explained((), (true,))
+    (found,) = otherwise(lin, true.with_value(3, 0.0))
+    assert found.effect.values == true.values and found.scales[-2:] == (1.0, 1.0)
+
+
+def test_a_reversed_gear_moves_its_link_as_the_other_does() -> None:
+    """The same record, told by motors that turn the other way."""
+    c, sign = campaign(), np.array([1.0, -1.0, -1.0])
+    records = tuple(replace(one, tau=one.tau * sign, theta=one.theta * sign) for one in c.records)
+    lins = []
+    for told in (c, replace(c, N=c.N * sign, records=records)):
+        problem, vector = declared(told, (CATALOGUE["link-coulomb"](1, (0.1,)),), "every")
+        lins.append(linearise(problem, vector, hold(problem, vector)))
+    for port in ("motor", "spring", "link"):
+        moves = [lin.motions[port][0].of("q", range(3)) for lin in lins]
+        np.testing.assert_allclose(moves[1], moves[0], rtol=1e-6, atol=1e-9 * np.abs(moves[0]).max())
+    waves: list[Any] = [spectrum(lin, "motor", "motor", 1, 40.0, 0.5) for lin in lins]
+    assert waves[1] is not None and waves[1].fall.max() == pytest.approx(waves[0].fall.max(), rel=1e-2)
