@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from os.path import commonprefix
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +29,23 @@ _WORDS = {
 _COMMANDED = r"ref|cmd|command|desired|target|setp|(^|[^a-z])(des|set)($|[^a-z])"
 _LINK = r"link|load|output|second|joint_?(pos|ang)"
 _MOTOR = r"motor|rotor"
-_TIME = r"^t$|time|stamp"
+_TIME = r"^t($|[^a-z])|time|stamp"
+#: Units of time: s each, and how names say them (an MCAP file's clocks are in s).
+_TIME_UNITS = {
+    "s": (1.0, r"s|secs?|seconds?|/header/stamp|/log_time"),
+    "ms": (1e-3, r"ms|msecs?|millis\w*"),
+    "us": (1e-6, r"us|[µμ]s|usecs?|micros\w*"),
+    "ns": (1e-9, r"ns|nsecs?|nanos\w*"),
+}
+#: A name's parts: words also where a capital begins them, numbers, and what separates them.
+_PART = r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[\W_]+|\w"
 _RATE = r"^(fs|f_s|fsamp\w*|sampl\w*rate\w*|rate_?hz)$"
+
+#: What tells the readings of one joint apart, and so is no joint's name.
+_ROLE = (
+    rf"{_LINK}|{_MOTOR}|{_COMMANDED}|act(ual)?|dem(and)?|meas(ured)?|feedback|fb|est(imated)?|filt(ered)?|raw|err(or)?|"
+    "mean|min|max|[dq]|in|out|abs|inc|ext"
+)
 
 #: How steeply each kind falls against the torque, d log / d log f, where a motor moves like a mass.
 _SLOPE = {"torque": 0.0, "velocity": -1.0, "angle": -2.0}
@@ -57,6 +73,16 @@ class Channel:
         return bool(re.search(_COMMANDED, self.name.lower()))
 
 
+@dataclass(frozen=True)
+class Time:
+    """The time of a file: its variable, its unit, the sampling rate [Hz]; not `sure` if another unit fits as well."""
+
+    name: str
+    unit: str
+    rate: float
+    sure: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Excitation:
     """What was played: the channel that shows it best, its period and lines, and the spectra of others at those lines."""
@@ -72,7 +98,7 @@ class Excitation:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """All that goes into a map: channels a joint [n], which joint is excited, the time (name, unit, Hz) or a rate [Hz]."""
+    """All that goes into a map: channels a joint [n], which joint is excited, the time or a rate [Hz]."""
 
     path: Path
     urdf: str | Path | None
@@ -84,15 +110,15 @@ class Found:
     speed: list[Channel] | None
     reference: Channel | None
     heard: Excitation
-    time: tuple[str, str, float] | None
+    time: Time | None
     rate: float | None
 
 
 def look(path: str | Path, urdf: str | Path | None = None) -> Found:
     """Returns what the channels of a file are.
 
-    ImportingError, one line, if the file can not be read, no channel of it is a multisine, or a joint's torque or angle
-    is not there.
+    ImportingError, one line, if the file can not be read, no channel of it is a multisine, a joint's torque or angle is
+    not there, or names do not tell which of them belong to one joint.
     """
     path = Path(path)
     variables = read_variables(path)
@@ -100,6 +126,8 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
     channels, time = _channels(variables, names)
     heard = _excitation(channels, path)
     channels = [replace(channel, kind=_kind(channel, heard)) for channel in channels]
+    if not names and (names := _words(channels, path)):
+        channels = [_of_word(channel, names) for channel in channels]
     torques = _joints([c for c in channels if c.kind in ("torque", "current") and not c.commanded])
     torques = torques or _joints([c for c in channels if c.kind in ("torque", "current")])
     angles = _joints([c for c in channels if c.kind == "angle" and not c.commanded])
@@ -124,12 +152,13 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
 # what is there --------------------------------------------------------------------------------------------------------
 
 
-def _channels(variables: Variables, joints: Sequence[str]) -> tuple[list[Channel], tuple[str, str, float] | None]:
-    """The channels that change, and the time: its name, unit and the sampling rate [Hz] it gives."""
+def _channels(variables: Variables, joints: Sequence[str]) -> tuple[list[Channel], Time | None]:
+    """The channels that change, and the time."""
     signals = {name: value for name, value in variables.items() if value.ndim and len(value) >= _FEWEST}
     lengths = [len(value) for value in signals.values()]
     samples = max(set(lengths), key=lambda length: (lengths.count(length), length), default=0)
-    found, time = [], None
+    found: list[Channel] = []
+    time: Time | None = None
     for name, value in signals.items():
         if len(value) != samples or not np.isfinite(value).all():
             continue
@@ -155,11 +184,89 @@ def _split(name: str, joints: Sequence[str]) -> tuple[str, str]:
     return (re.sub(r"\d+", "#", name), f"{int(number[0]):04d}") if number else (name, "")
 
 
-def _time(name: str, step: float) -> tuple[str, str, float] | None:
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
-        if _RATES[0] <= 1 / (step * size) <= _RATES[1]:
-            return name, unit, 1 / (step * size)
-    return None
+def _words(channels: Sequence[Channel], path: Path) -> tuple[str, ...]:
+    """The joints' names where words tell them: what differs among the names of torques and again among those of angles.
+
+    () where numbers tell them, or there is one joint. ImportingError where different words are in either kind.
+    """
+    alone = [channel for channel in channels if channel.column is None]
+    angles = [channel for channel in alone if channel.kind == "angle" and not channel.commanded]
+    driven = [channel for channel in alone if channel.kind in ("torque", "current")]
+    driven = [channel for channel in driven if not channel.commanded] or driven
+    kinds = [[channel for channel in driven if channel.kind == kind] for kind in ("torque", "current")]
+    for torques in kinds:
+        for words in _candidates(torques):
+            if all(_have_all(either, words) for either in (torques, angles)):
+                return words
+    untold = next((torques for torques in kinds if _candidates(torques) and len(_joints(torques)[0]) == 1), None)
+    if untold and _candidates(angles):
+        raise ImportingError(
+            f"{path}: names do not tell which of {', '.join(channel.name for channel in untold)} and of "
+            f"{', '.join(channel.name for channel in angles)} belong to one joint; expected the joints' names in both, "
+            "or --urdf"
+        )
+    return ()
+
+
+def _candidates(channels: Sequence[Channel]) -> list[tuple[str, ...]]:
+    """Words that may be joints: last parts of names of one path, or what is left without the parts common to all."""
+    names = [channel.name for channel in channels]
+    paths: dict[str, list[str]] = {}
+    for name in names:
+        path, _, last = name.rpartition("/")
+        paths.setdefault(path, []).append(last)
+    parts = [re.findall(_PART, name) for name in names]
+    for _ in range(2):  # common to all in front, then behind
+        common = len(commonprefix(parts))
+        parts = [part[common:][::-1] for part in parts]
+    rest = [re.sub(r"^[\W_]+|[\W_]+$", "", "".join(part)) for part in parts]
+    found = [*(words for path, words in paths.items() if path), rest]
+    return [tuple(words) for words in found if len(words) > 1 and _are_joints(words)]
+
+
+def _are_joints(words: Sequence[str]) -> bool:
+    """Whether the words may name joints: all different, not all with a number, none a kind of reading."""
+    numbered = all(re.search(r"\d", word) for word in words)
+    return (
+        all(words)
+        and len(set(words)) == len(words)
+        and not numbered
+        and not any(re.fullmatch(_ROLE, word.lower()) for word in words)
+    )
+
+
+def _have_all(channels: Sequence[Channel], words: Sequence[str]) -> bool:
+    """Whether some group of channels has one of every word."""
+    return any(len(group) == len(words) for group in _joints([_of_word(channel, words) for channel in channels]))
+
+
+def _of_word(channel: Channel, words: Sequence[str]) -> Channel:
+    """The channel, of the joint whose word is among the parts of its name, else of none."""
+    if channel.column is not None:
+        return channel
+    parts = re.findall(_PART, channel.name)
+    for k, word in sorted(enumerate(words), key=lambda item: -len(item[1])):
+        own = re.findall(_PART, word)
+        for at in range(len(parts) - len(own) + 1):
+            if parts[at : at + len(own)] == own:
+                group = "".join([*parts[:at], "#", *parts[at + len(own) :]])
+                return replace(channel, group=group, joint=f"{k:04d}")
+    return replace(channel, group=channel.name, joint="")
+
+
+def _time(name: str, step: float) -> Time | None:
+    """The time of that step: in the unit its name says, else in the one of the highest rate that a machine may have."""
+    rates = {unit: 1 / (step * size) for unit, (size, _) in _TIME_UNITS.items()}
+    fits = {unit: rate for unit, rate in rates.items() if _RATES[0] <= rate <= _RATES[1]}
+    named = [
+        unit
+        for unit, (_, words) in _TIME_UNITS.items()
+        if re.search(rf"(^|[^a-zµμ]|(?=/))({words})($|[^a-z])", name.lower())
+    ]
+    if not fits:
+        return None
+    unit = next((unit for unit in named if unit in fits), max(fits, key=fits.__getitem__))
+    return Time(name, unit, fits[unit], unit in named or (len(fits) == 1 and not named))
 
 
 def _rate(variables: Variables) -> float | None:
@@ -238,10 +345,10 @@ def _motor_and_link(
 
 def _derivative(
     speeds: list[list[Channel]], motor: list[Channel], excited: int, heard: Excitation, variables: Variables,
-    time: tuple[str, str, float] | None,
+    time: Time | None,
 ) -> list[Channel] | None:  # fmt: skip
     """The velocities that are the motor angle's slope, in the same unit; None where no group is."""
-    fs = time[2] if time else _rate(variables)
+    fs = time.rate if time else _rate(variables)
     if fs is None:
         return None
     w = 2j * np.pi * heard.lines * fs / heard.period

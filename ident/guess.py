@@ -24,10 +24,11 @@ def guess(files: Sequence[str | Path], urdf: str | Path | None = None) -> str:
 
 
 def _text(found: Found, files: int) -> str:
-    heard, fs = found.heard, found.time[2] if found.time else found.rate
+    heard, fs = found.heard, found.time.rate if found.time else found.rate
     commanded = found.torque[found.excited].commanded or heard.channel is found.torque[found.excited]
     hold = "zoh" if commanded else "band-limited"
     alone = found.urdf is None
+    order = "  # CHECK: base to tip" if alone and len(found.names) > 1 else ""
     rows = [
         f"# A guess from {found.path.name}: check every line that says CHECK, then: ident import --map map.toml FILE.. -o out.h5",
         "",
@@ -36,7 +37,7 @@ def _text(found: Found, files: int) -> str:
         f'hold = "{hold}"  # CHECK: "zoh" if the torque below is the command, "band-limited" if it is measured behind a filter',
         "",
         "[robot]",
-        f"joints = [{', '.join(map(quoted, found.names))}]",
+        f"joints = [{', '.join(map(quoted, found.names))}]{order}",
         "# no URDF: one link a joint stands in" if alone else f"urdf = {quoted(str(found.urdf))}",
     ]
     for k, name in enumerate(found.names):
@@ -50,7 +51,8 @@ def _text(found: Found, files: int) -> str:
         else 'posture_rad = "measured"  # CHECK: or the angles at rest',
     ]
     if found.time:
-        rows.append(f'time = {{name = {quoted(found.time[0])}, unit = "{found.time[1]}"}}  # {fs:.6g} Hz')
+        unsure = "" if found.time.sure else "; CHECK the unit"
+        rows.append(f'time = {{name = {quoted(found.time.name)}, unit = "{found.time.unit}"}}  # {fs:.6g} Hz{unsure}')
     elif found.rate:
         rows.append(f"sample_rate_Hz = {found.rate:.10g}  # the file says so")
     else:
@@ -112,7 +114,7 @@ def _gear(motor: NDArray[np.complex128], link: NDArray[np.complex128], lines: Li
 
 def _inertia(found: Found, k: int, N: float) -> float:
     """Half the inertia that the joint's lowest lines feel, behind the gear, in the units of the file."""
-    fs = (found.time[2] if found.time else found.rate) or 1000.0
+    fs = (found.time.rate if found.time else found.rate) or 1000.0
     heard = found.heard
     count = max(1, len(heard.lines) // 10)
     w = 2 * np.pi * heard.lines[:count] * fs / heard.period

@@ -21,6 +21,8 @@ JITTER = 0.25
 CLOCK = 1e-3
 #: A sampling rate read from time stamps is taken as a round number within this of it: clocks are no better.
 _ROUND = 1e-4
+#: What tells when a message of a topic was taken, the better first: by its sender, by the recorder.
+_CLOCKS = ("header/stamp", "log_time")
 #: Relative difference allowed between f0 said and sampling rate over period: a few roundings.
 _SAME = 1e-6
 #: Share of the lines, at either end of the band, at which signs are judged: there a motor moves like a mass.
@@ -47,8 +49,8 @@ class _File:
     def error(self, problem: str) -> ImportingError:
         return ImportingError(f"{self.path}: {problem}")
 
-    def reading(self, signal: Signal, what: str) -> Array:
-        """The samples [T] of a signal as the file has them, unwound; sign, scale and offset are not in it yet."""
+    def samples(self, signal: Signal, what: str) -> Array:
+        """The samples [T] of a signal as the file has them."""
         if signal.name not in self.variables:
             close = [name for name, value in self.variables.items() if value.ndim]
             shown = ", ".join(close[:20]) + (", .." if len(close) > 20 else "")
@@ -63,29 +65,51 @@ class _File:
             values = values[:, signal.column]
         elif signal.column not in (None, 0):
             raise self.error(f"{what}: {signal.name!r} has one column; column {signal.column + 1} is asked for")
-        if not np.isfinite(values).all():
-            k = int(np.argmin(np.isfinite(values)))
+        return values
+
+    def reading(self, signal: Signal, what: str, use: slice) -> Array:
+        """The samples in `use`, unwound from the first of the file on; sign, scale and offset are not in it yet."""
+        values = self.samples(signal, what)
+        finite = np.isfinite(values)
+        if not finite[use].all():
+            k = use.start + int(np.argmin(finite[use]))
             raise self.error(f"{what}: sample {k} of {signal.name!r} is {values[k]}, expected finite samples")
-        return values if signal.wrap is None else np.asarray(np.unwrap(values, period=signal.wrap))
+        if signal.wrap is None:
+            return values[use]
+        turned = np.zeros(len(values))
+        turned[finite] = np.unwrap(values[finite], period=signal.wrap)
+        return turned[use]
+
+    def clocks(self, signal: Signal) -> dict[str, Array]:
+        """The times [T, s] of the messages that a signal comes with, by `_CLOCKS`; none where it is of no topic."""
+        parts = signal.name.split("/")
+        topics = ("/".join(parts[:k]) for k in range(len(parts) - 1, 0, -1))
+        topic = next((topic for topic in topics if f"{topic}/log_time" in self.variables), None)
+        times = {clock: self.variables.get(f"{topic}/{clock}") for clock in _CLOCKS}
+        shape = self.variables[signal.name].shape[:1]
+        return {clock: t for clock, t in times.items() if t is not None and t.shape == shape and np.ptp(t) > 0}
 
 
 def import_files(mapping: Map, files: Sequence[str | Path]) -> Imported:
     """Returns the campaign whose records are the files, in this order, read as the map says.
 
     ImportingError, one line that names file, variable and what is missing: a signal that is not there or not finite,
-    dropped samples, no whole number of samples a period, no period at all, excited lines that can not be told.
+    dropped samples, signals of different lengths or clocks, no whole number of samples a period, no period at all,
+    excited lines that can not be told.
     """
     paths = [Path(file) for file in files]
     if len({path.name for path in paths}) < len(paths):
         raise ImportingError("two files of one name; expected different names, by which the map can tell them apart")
-    records, lines, notes, rates = [], [], [], []
+    records, lines, notes = [], [], []
+    rates: list[float] = []
     for k, path in enumerate(paths):
         file = _File(path, read_variables(path), mapping.of(path))
-        record, fs = _record(file, mapping, f"{k + 1:04d}")
+        record, fs = _record(file, mapping, f"{k + 1:04d}", rates[0] if rates else None)
         rates.append(fs)
         if fs != rates[0]:
             raise file.error(
-                f"sampled at {fs:.10g} Hz, {paths[0]} at {rates[0]:.10g} Hz; expected one rate in a campaign"
+                f"sampled at {fs:.10g} Hz, {paths[0]} at {rates[0]:.10g} Hz; expected one rate in a campaign "
+                "(if the clocks are off, sample_rate_Hz says which)"
             )
         records.append(record)
         lines.append(_summary(record, fs, path))
@@ -113,21 +137,25 @@ def import_files(mapping: Map, files: Sequence[str | Path]) -> Imported:
     return Imported(campaign, tuple(lines), tuple(notes))
 
 
-def _record(file: _File, mapping: Map, id: str) -> tuple[Record, float]:
+def _record(file: _File, mapping: Map, id: str, first: float | None) -> tuple[Record, float]:
+    """The record, and its sampling rate [Hz]; `first` is that of the first file."""
     how, joints = file.how, mapping.joints
     names = [joint.name for joint in joints]
     excited = how.excited or (names[0] if len(names) == 1 else None)
     if excited is None:
         raise file.error(f"excited: the map does not say which joint; expected one of {', '.join(names)}")
-    driven = joints[names.index(excited)].signals["torque"]
-    reference = file.reading(how.reference or driven, "reference")
-    fs = _sampling_rate(file, len(reference))
-    period = _period(file, reference[how.skip :])
-    periods = _periods(file, len(reference) - how.skip, period)
+    played = how.reference or joints[names.index(excited)].signals["torque"]
+    samples = len(file.samples(played, "reference"))
+    if how.skip >= samples:
+        raise file.error(f"skip_samples = {how.skip}, but {played.name!r} has {samples} samples; expected fewer")
+    period = _period(file, played, samples)
+    periods = _periods(file, samples - how.skip, period)
     use = slice(how.skip, how.skip + periods * period)
+    fs = _sampling_rate(file, use, samples, first)
+    _one_clock(file, played, joints, use, samples, fs)
     if how.f0 is not None and abs(how.f0 * period - fs) > _SAME * fs:
         raise file.error(f"f0_Hz = {how.f0:g} is not sampling rate / period = {fs:g} / {period} = {fs / period:g} Hz")
-    lines = _lines(file, reference[use], period)
+    lines = _lines(file, file.reading(played, "reference", use), period)
     posture = _posture(file, joints, use, period)
 
     def columns(key: str) -> Array | None:
@@ -158,33 +186,54 @@ def _record(file: _File, mapping: Map, id: str) -> tuple[Record, float]:
 def _signal(file: _File, joint: JointMap, key: str, use: slice, period: int, rest: float) -> Array:
     """One signal of one joint in SI [T]: link angles joint side, all others motor side; `rest` is its posture."""
     signal = joint.signals[key]
-    values = file.reading(signal, f"{joint.name}: {key}")
-    if len(values) < use.stop:
-        raise file.error(f"{joint.name}: {key}: {signal.name!r} has {len(values)} samples, expected {use.stop}")
-    values = values[use]
+    values = file.reading(signal, f"{joint.name}: {key}", use)
+    zero = values[-period:].mean() if signal.offset is None else signal.offset
+    values = (values - zero) * signal.scale
     ratio = 1.0 if key == "link_angle" else joint.N
     if signal.joint_side:
         values = values / ratio if key == "torque" else values * ratio
-    if signal.offset is None:
-        return np.asarray((values - values[-period:].mean()) * signal.scale + ratio * rest)
-    shift = signal.offset * (ratio if signal.joint_side and key != "torque" else 1.0)
-    return np.asarray((values - shift) * signal.scale)
+    return np.asarray(values + ratio * rest if signal.offset is None else values)
 
 
-def _sampling_rate(file: _File, samples: int) -> float:
-    """The sampling rate [Hz], from time stamps where there are any; samples dropped on the way are named."""
+def _one_clock(file: _File, played: Signal, joints: Sequence[JointMap], use: slice, samples: int, fs: float) -> None:
+    """Raises ImportingError for a signal that is not of the reference's instants, as samples are paired by number."""
+    signals = {f"{joint.name}: {key}": signal for joint in joints for key, signal in joint.signals.items()}
+    if file.how.time is not None:
+        signals["time"] = file.how.time
+    ours = file.clocks(played)
+    for what, signal in signals.items():
+        if (found := len(file.samples(signal, what))) != samples:
+            raise file.error(f"{what}: {signal.name!r} has {found} samples, expected {samples} as {played.name!r}")
+        theirs = file.clocks(signal)
+        clock = next((clock for clock in _CLOCKS if clock in ours and clock in theirs), None)
+        if clock is None:
+            continue
+        late = (theirs[clock] - ours[clock])[use] * fs
+        k = int(np.argmax(np.abs(late)))
+        if abs(late[k]) > JITTER:
+            raise file.error(
+                f"{what}: by {clock}, sample {use.start + k} of {signal.name!r} is {late[k]:+.3g} samples from that of "
+                f"{played.name!r}, allowed {JITTER:g}; expected signals of the same instants"
+            )
+
+
+def _sampling_rate(file: _File, use: slice, samples: int, first: float | None = None) -> float:
+    """The sampling rate [Hz], from time stamps where there are any; samples dropped on the way are named.
+
+    A rate that differs from the `first` file's by no more than clocks do is that one.
+    """
     how = file.how
     if how.time is None:
         if how.fs is None:
             raise file.error("the map says neither sample_rate_Hz nor time; expected one of them in [record]")
         return how.fs
-    t = file.reading(how.time, "time") * how.time.scale
-    if len(t) != samples or samples < 3:
-        raise file.error(f"time: {how.time.name!r} has {len(t)} samples, expected {samples}")
+    if (found := len(file.samples(how.time, "time"))) != samples or use.stop - use.start < 3:
+        raise file.error(f"time: {how.time.name!r} has {found} samples, expected {max(samples, use.start + 3)}")
+    t = file.reading(how.time, "time", use) * how.time.scale
     step = np.diff(t)
     if (step <= 0).any():
         k = int(np.argmax(step <= 0))
-        raise file.error(f"time: {how.time.name!r} does not increase after sample {k}, at {t[k]:.6g} s")
+        raise file.error(f"time: {how.time.name!r} does not increase after sample {use.start + k}, at {t[k]:.6g} s")
     Ts = float(np.median(step)) if how.fs is None else 1.0 / how.fs
     count = np.maximum(np.round(step / Ts), 1)
     if (count > 1).any():
@@ -195,26 +244,30 @@ def _sampling_rate(file: _File, samples: int) -> float:
             )
         lost = int((count - 1).sum())
         raise file.error(
-            f"{lost} samples were dropped, the first {int(count[k]) - 1} after sample {k}, at {t[k]:.6g} s; expected none: take "
-            "whole periods before or behind (skip_samples, periods)"
+            f"{lost} samples were dropped, the first {int(count[k]) - 1} after sample {use.start + k}, at {t[k]:.6g} "
+            "s; expected none: take whole periods before (period_samples and periods) or behind (skip_samples)"
         )
-    measured = (samples - 1) / float(t[-1] - t[0])
+    measured = (len(t) - 1) / float(t[-1] - t[0])
     if how.fs is not None and abs(measured - how.fs) > CLOCK * how.fs:
         raise file.error(f"time stamps say {measured:.6g} Hz, sample_rate_Hz = {how.fs:g}; expected one rate")
-    grid = t[0] + np.arange(samples) / measured
+    grid = t[0] + np.arange(len(t)) / measured
     worst = int(np.argmax(np.abs(t - grid)))
     if abs(t[worst] - grid[worst]) > JITTER * Ts:
         raise file.error(
-            f"time: sample {worst} is {(t[worst] - grid[worst]) / Ts:+.2g} samples from an even grid, allowed {JITTER:g}"
+            f"time: sample {use.start + worst} is {(t[worst] - grid[worst]) / Ts:+.2g} samples from an even grid, "
+            f"allowed {JITTER:g}"
         )
-    near = float(f"{measured:.4g}")
-    return how.fs or (near if abs(measured - near) <= _ROUND * near else measured)
+    likely = (float(f"{measured:.4g}"),) if first is None else (first, float(f"{measured:.4g}"))
+    return how.fs or next((near for near in likely if abs(measured - near) <= _ROUND * near), measured)
 
 
-def _period(file: _File, reference: Array) -> int:
+def _period(file: _File, played: Signal, samples: int) -> int:
+    """Samples a period: said, or found from all behind skip_samples, where then none may be dropped."""
     if file.how.period != AUTO:
         return int(file.how.period)
-    period = find_period(reference)
+    behind = slice(file.how.skip, samples)
+    _sampling_rate(file, behind, samples)
+    period = find_period(file.reading(played, "reference", behind))
     if period is None:
         raise file.error(
             "no period found, so no multisine record; expected at least two equal periods (say period_samples if it has them)"

@@ -65,22 +65,24 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "counts_per_rev": "with unit counts: of one revolution",
         "torque_constant_Nm_per_A": "with unit A or mA; left out where unknown: inertia is then in A s2/rad",
         "sign": "1 or -1: positive torque must speed the motor up in the direction of positive motor and link angle",
-        "gain": "the reading times this is in the unit (default 1)",
-        "offset": "reading, in the unit, where the joint is at zero (default 0), or \"posture\": what puts the mean there",
-        "wrap": "the reading, in the unit, jumps back by this and is to be unwound",
+        "gain": "what the file has times this is the reading, in the unit (default 1)",
+        "offset": "reading, in the unit (counts: in counts), where the joint is at zero, before sign and side count "
+        "(default 0); or \"posture\": what puts the mean there",
+        "wrap": "the reading, in the unit, jumps back by this: unwound from the first sample of the file on",
         "side": "\"motor\" (default) or \"joint\": behind the gear, to be divided (torque) or multiplied (angle) by N",
     },
     "record": {
         "excited": "the joint whose motor got the multisine",
         "posture_rad": "link angles at rest (m for slides), one a joint; or \"measured\": the mean of the motor angles",
         "sample_rate_Hz": "sampling rate; or time",
-        "time": "signal: time of every sample, unit s, ms, us or ns: checked for dropped samples",
-        "period_samples": "samples a period, or \"auto\" (default): found from the reference",
+        "time": "signal: time of every sample, unit s, ms, us or ns: checked for samples dropped among those taken",
+        "period_samples": "samples a period, or \"auto\" (default): found from the reference, whole from skip_samples on",
         "f0_Hz": "line spacing, to check the above",
-        "periods": "whole periods to take (default: all)",
-        "skip_samples": "samples before the first one to take (default 0)",
+        "periods": "whole periods to take (default: all); with period_samples said, what is behind them does not count",
+        "skip_samples": "samples before the first one to take (default 0), whatever they are",
         "lines": "excited harmonics: a list, \"first:last\", \"first:step:last\" or \"auto\" (default): from the reference",
-        "reference": "signal: commanded excitation, to find period and lines from (default: the excited joint's torque)",
+        "reference": "signal: commanded excitation, to find period and lines from (default: the excited joint's "
+        "torque); all other signals are of as many samples and of the same instants",
     },
     "file": {"any key of [record]": "overrides it for the file of that name"},
 }  # fmt: skip
@@ -100,7 +102,7 @@ _UNITS = {
 class Signal:
     """One reading: variable `name`, `column` (from 0) of it, times `scale` is SI (`current`: A instead of N m).
 
-    `offset` and `wrap` are in the reading's own number, before the scale; `offset` None puts the mean at the posture.
+    `offset` and `wrap` are in the file's own numbers, before the scale; `offset` None puts the mean at the posture.
     `joint_side` when it is taken behind the gear.
     """
 
@@ -254,16 +256,18 @@ def _signal(table: Table, key: str) -> Signal | None:
     if "torque_constant_Nm_per_A" in signal.values and unit not in ("A", "mA"):
         raise signal.error(f"torque_constant_Nm_per_A: goes with a current, but unit is {unit!r}")
     size = 2 * math.pi / signal.get("counts_per_rev", positive, 1.0) if unit == counts else units[unit]
-    gain = signal.get("gain", nonzero, 1.0) * signal.get("sign", choice(1, -1), 1)
+    gain = signal.get("gain", nonzero, 1.0)
     column = signal.get("column", whole(1), None)
-    offset = signal.values.get("offset", 0.0)
+    offset, wrap = signal.values.get("offset", 0.0), signal.get("wrap", positive, None)
     constant = signal.get("torque_constant_Nm_per_A", positive, 1.0)
     return Signal(
         name=signal.get("name", text, ""),
         column=None if column is None else column - 1,
-        scale=size * gain * constant,
-        offset=None if offset == "posture" and key in ("motor_angle", "link_angle") else signal.get("offset", number, 0.0),
-        wrap=signal.get("wrap", positive, None),
+        scale=size * gain * signal.get("sign", choice(1, -1), 1) * constant,
+        offset=None
+        if offset == "posture" and key in ("motor_angle", "link_angle")
+        else signal.get("offset", number, 0.0) / gain,
+        wrap=None if wrap is None else wrap / abs(gain),
         joint_side=signal.get("side", choice("motor", "joint"), "motor") == "joint",
         current=unit in ("A", "mA") and "torque_constant_Nm_per_A" not in signal.values,
     )  # fmt: skip

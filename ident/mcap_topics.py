@@ -24,14 +24,17 @@ Decoder = Callable[[bytes], Any]
 def read_topics(path: Path) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """Yields every number of every topic that can be decoded: `topic/field` [T] or [T, m] over its T messages.
 
-    Stamps and, behind them, `topic/log_time` are seconds since the first of theirs. What is not in every message of a topic, or changes its
-    length, is left out. ImportingError if nothing in the file can be decoded, or it ends in the middle.
+    Fields called stamp are seconds since the first stamp of the file, whatever its topic; behind them `topic/log_time`,
+    where messages have no such field themselves, since the first message of the file. Other times count from their own
+    first. What is not in every message of a topic, or changes its length, is left out. ImportingError if nothing in the
+    file can be decoded, or it ends in the middle.
     """
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
     from zstandard import ZstdError
 
     topics: dict[str, dict[str, list[Any]]] = {}
+    logged: dict[str, list[int]] = {}  # by topic: when its messages came
     decoders: dict[int, Decoder | None] = {}
     unknown: set[str] = set()
     try:
@@ -43,8 +46,10 @@ def read_topics(path: Path) -> Iterator[tuple[str, NDArray[np.float64]]]:
                         unknown.add(f"{channel.topic} ({channel.message_encoding or 'no encoding'})")
                 decode = decoders[channel.id]
                 if decode is not None:
-                    columns = topics.setdefault(channel.topic.strip("/"), {})
-                    for name, value in (*_numbers(decode(message.data), ""), ("log_time", message.log_time)):
+                    topic = channel.topic.strip("/")
+                    columns = topics.setdefault(topic, {})
+                    logged.setdefault(topic, []).append(message.log_time)
+                    for name, value in _numbers(decode(message.data), ""):
                         columns.setdefault(name, []).append(value)
     except (McapError, ZstdError) as error:
         raise ImportingError(f"{path}: not a readable MCAP file: {error or type(error).__name__}") from None
@@ -52,15 +57,35 @@ def read_topics(path: Path) -> Iterator[tuple[str, NDArray[np.float64]]]:
         raise ImportingError(
             f"{path}: no topic that can be decoded, but {', '.join(sorted(unknown)[:5])}; expected ROS 2 messages (cdr by ros2msg) or JSON"
         )
-    for topic, columns in topics.items():
+    kept = {
+        topic: {name: values for name, values in columns.items() if _one_each(values, len(logged[topic]))}
+        for topic, columns in topics.items()
+    }
+    stamps = [columns[name] for columns in kept.values() for name in columns if _is_stamp(name, columns[name])]
+    stamped = min((one for values in stamps for one in values if one), default=0)  # 0: never set
+    first = min((times[0] for times in logged.values()), default=0)
+    for topic, columns in kept.items():
         for name, values in columns.items():
-            if len(values) == len(columns["log_time"]) and len(set(map(np.shape, values))) == 1:
-                yield f"{topic}/{name}", _since_first(values) if isinstance(values[0], int) else np.array(values, float)
+            if not isinstance(values[0], int):
+                yield f"{topic}/{name}", np.array(values, float)
+            else:
+                yield f"{topic}/{name}", _since(stamped if _is_stamp(name, values) else values[0], values)
+        if "log_time" not in columns:
+            yield f"{topic}/log_time", _since(first, logged[topic])
 
 
-def _since_first(nanoseconds: Sequence[int]) -> NDArray[np.float64]:
-    """Times as seconds since the first: as they are, floats would round them to a quarter of a microsecond."""
-    return np.array([1e-9 * (one - nanoseconds[0]) for one in nanoseconds])
+def _one_each(values: Sequence[Any], messages: int) -> bool:
+    """Whether every message has the value, in the same shape."""
+    return len(values) == messages and len(set(map(np.shape, values))) == 1
+
+
+def _is_stamp(name: str, values: Sequence[Any]) -> bool:
+    return name.split("/")[-1] == "stamp" and isinstance(values[0], int)
+
+
+def _since(start: int, nanoseconds: Sequence[int]) -> NDArray[np.float64]:
+    """Times as seconds since the start: as they are, floats would round them to a quarter of a microsecond."""
+    return np.array([1e-9 * (one - start) for one in nanoseconds])
 
 
 def _decoder(encoding: str, schema: Any) -> Decoder | None:

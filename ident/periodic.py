@@ -58,10 +58,15 @@ def _change(x: Array) -> Array:
 def find_lines(x: Array, period: int) -> NDArray[np.int64] | None:
     """Returns the harmonics that x [periods * period] consists of, None where they do not stand out from the others.
 
-    They are the lines above the widest gap in the sorted amplitudes, and above the noise between the lines.
+    They are the lines above the widest gap in the sorted amplitudes, and above the noise between the lines. Of three
+    periods or more the first does not count, as excitations are ramped up in it; a straight drift is taken off.
     """
-    M = len(x) // period
-    spectrum = np.abs(np.fft.rfft(x[: M * period] - np.mean(x[: M * period])))
+    periods = x[: len(x) // period * period].reshape(-1, period)
+    periods = periods[1:] if len(periods) > 2 else periods
+    M = len(periods)
+    drift = np.polyfit(np.arange(M), periods.mean(axis=1), 1)[0] if M > 1 else 0.0  # of a periodic signal: none
+    flat = periods.ravel() - drift * np.arange(M * period) / period
+    spectrum = np.abs(np.fft.rfft(flat - np.mean(flat)))
     amplitude = spectrum[M::M][: (period - 1) // 2]
     bins = np.arange(len(spectrum))
     noise = np.sqrt(np.mean(spectrum[(bins % M != 0)] ** 2)) if M > 1 else 0.0

@@ -149,7 +149,10 @@ def _datasets(path: Path) -> Iterator[tuple[str, Any]]:
 
 def _numbers(value: Any) -> Array | None:
     """The value as floats with the axes of length one taken off; None if it is no array of real numbers."""
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # a cell array of things of different shapes
+        return None
     if array.dtype.kind not in "biuf" or array.size == 0:
         return None
     array = array.squeeze()
@@ -160,13 +163,13 @@ def _numbers(value: Any) -> Array | None:
 
 
 def _csv(path: Path) -> Iterator[tuple[str, Array]]:
-    """Columns of a text file: separated by commas, semicolons (then with either decimal sign), tabs or blanks."""
+    """Columns of a text file: separated by commas, semicolons or tabs (then with either decimal sign), or blanks."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         head = [line.rstrip("\n") for _, line in zip(range(_HEAD_LINES), file, strict=False)]
-    first, separator, comma = _first_row(path, head)
+    first, separator = _first_row(path, head)
     names = _heading(head[:first], separator, len(_split(head[first], separator)))
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        rows = (line.replace(",", ".") if comma else line for line in file)
+        rows = (_points(line, separator) for line in file)
         try:
             values = np.loadtxt(rows, delimiter=separator, skiprows=first, ndmin=2, comments="#")
         except ValueError as error:
@@ -175,16 +178,21 @@ def _csv(path: Path) -> Iterator[tuple[str, Array]]:
     yield from zip(names, values.T, strict=True)
 
 
-def _first_row(path: Path, head: list[str]) -> tuple[int, str | None, bool]:
-    """Where numbers begin (line, from 0), what separates them, and whether their decimal sign is a comma."""
+def _first_row(path: Path, head: list[str]) -> tuple[int, str | None]:
+    """Where numbers begin (line, from 0), and what separates them."""
     for k, line in enumerate(head):
-        for separator, comma in ((",", False), (";", False), (";", True), ("\t", False), ("\t", True), (None, False)):
-            cells = _split(line.replace(",", ".") if comma else line, separator)
+        for separator in (",", ";", "\t", None):
+            cells = _split(_points(line, separator), separator)
             if cells and not line.lstrip().startswith("#") and all(map(_is_number, cells)):
-                return k, separator, comma
+                return k, separator
     raise ImportingError(
         f"{path}: no row of numbers in the first {len(head)} lines; expected MAT, CSV, NPZ, HDF5 or MCAP"
     )
+
+
+def _points(line: str, separator: str | None) -> str:
+    """The line with decimal points: between semicolons or tabs a comma is nothing else."""
+    return line.replace(",", ".") if separator in (";", "\t") else line
 
 
 def _heading(above: list[str], separator: str | None, count: int) -> list[str]:

@@ -52,6 +52,10 @@ LINES = np.delete(np.arange(5, 240, 2), slice(3, None, 7))
 
 @pytest.fixture(scope="module")
 def truth() -> Record:
+    return settled()
+
+
+def settled() -> Record:
     """Joint 2 of a three-joint arm excited at 118 lines of 0.5 Hz, three settled periods."""
     rng = np.random.default_rng(3)
     record = synthetic.record(
