@@ -56,8 +56,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _failed(": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None))
     except KeyboardInterrupt:
-        _failed("interrupted; records that are done stay, the same command goes on there")
+        _failed(f"interrupted{_kept(options)}")
         return 130
+
+
+def _kept(options: argparse.Namespace) -> str:
+    """What is left of a command that was interrupted: the records of a simulation that is not complete."""
+    files = {"simulate": "", "run": "campaign.h5"}  # in `out`, as `resume` writes beside them
+    if options.command in files and Path(f"{Path(options.out, files[options.command])}.partial").is_dir():
+        return "; records that are done stay, the same command goes on there"
+    return ""
 
 
 def _failed(message: str) -> int:

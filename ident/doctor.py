@@ -78,6 +78,8 @@ def _joint(robot: Robot, plan: Plan, i: int, setups: Sequence[tuple[Cell, Setup]
     planned = model.J_cad(own)[:, i, i] if len(own) else None
     rotor = drive.N**2 * drive.J_m
     mine = [setup for cell, setup in setups if cell.joint == name]
+    seen = [(_visible(setup, drive, e.samples_per_period), _top(setup)) for setup in mine]
+    visible, visible_at = min(seen, default=(None, None))
     limits = np.array([robot.drive(joint).tau_max for joint in model.chain.names])
     return JointCheck(
         joint=name,
@@ -97,7 +99,8 @@ def _joint(robot: Robot, plan: Plan, i: int, setups: Sequence[tuple[Cell, Setup]
         periods=max((setup.periods for setup in mine), default=None),
         margin=min((setup.margins.distance for setup in mine), default=None),
         held=max((setup.held for setup in mine), default=None),
-        visible=min((_visible(setup, drive, e.samples_per_period) for setup in mine), default=None),
+        visible=visible,
+        visible_at=visible_at,
         beyond=_missed(mine, _resonance(drive, model.J_cad(np.array([s.posture for s in mine]))[:, i, i]))
         if mine
         else None,
@@ -107,9 +110,14 @@ def _joint(robot: Robot, plan: Plan, i: int, setups: Sequence[tuple[Cell, Setup]
 
 def _missed(setups: Sequence[Setup], f: Array) -> tuple[float, float] | None:
     """Frequency and highest line [Hz] of the record whose frequency `f` [records, Hz] lies furthest above its lines."""
-    tops = [float(setup.excitation.lines[-1] * setup.excitation.f0) for setup in setups]
+    tops = [_top(setup) for setup in setups]
     worst = max(zip(f.tolist(), tops, strict=True), key=lambda one: one[0] / one[1])
     return worst if worst[0] > worst[1] else None
+
+
+def _top(setup: Setup) -> float:
+    """The highest line that is played [Hz]."""
+    return float(setup.excitation.lines[-1] * setup.excitation.f0)
 
 
 def _resonance(drive: Drive, J: Array) -> Array:

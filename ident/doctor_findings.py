@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import pi
+from math import ceil, pi
 
 from ident.design import TORQUE_SHARE, Setup, place
 from ident.frf import POSTURE_TOLERANCE
 from symgen.plan import Plan
-from symgen.robot import Robot
+from symgen.robot import Experiment, Robot
 
 #: Below this J_ii / (N^2 J_m) the link hardly shows in the motor's response: an error of f_R counts 2 (1 + r) / r times.
 LIGHT = 0.1
 #: Angles at the highest line that are less than this many times the encoder's noise tell little.
 VISIBLE = 10.0
-#: A resonance is resolved when this many lines lie within its half-power width.
+#: A resonance is resolved when this many excited lines lie within its half-power width.
 RESOLVED = 1.0
 #: Held motors that move more than this, relative to the excited one, show in a two-mass fit.
 HELD = 0.02
+#: Samples of a record at most, as `symgen.robot` has it.
+MOST_SAMPLES = 1e7
 
 
 @dataclass(frozen=True)
@@ -30,9 +32,10 @@ class JointCheck:
     the motor's torque; `sag` [rad] the largest static deflection of the spring. Of the `records` that excite it: `swing`
     [rad] predicted; `torque` the largest share of any motor's limit; `settling` and `periods` the most that any needs and
     lasts; `margin` the least distance of a loop from -1; `held` the largest velocity of a held motor over the excited
-    one's; `visible` the angle at the highest line over the encoder's noise; `beyond` [f_R of two masses, highest line, Hz] of
-    the record that misses its resonance by most, None where none does; `unseen` [f_AR, highest line, Hz] the same of the
-    anti-resonance that tells most of J_ii, with the other joints' springs. None: no record could be designed.
+    one's; `visible` the least angle at the highest line over the encoder's noise, that line being at `visible_at` [Hz];
+    `beyond` [f_R of two masses, highest line, Hz] of the record that misses its resonance by most, None where none
+    does; `unseen` [f_AR, highest line, Hz] the same of the anti-resonance that tells most of J_ii, with the other
+    joints' springs. None: no record could be designed.
     """
 
     joint: str
@@ -53,6 +56,7 @@ class JointCheck:
     margin: float | None
     held: float | None
     visible: float | None
+    visible_at: float | None
     beyond: tuple[float, float] | None
     unseen: tuple[float, float] | None
 
@@ -148,16 +152,35 @@ def of_band(check: JointCheck, robot: Robot) -> list[Finding]:
             )
         )
     width = drive.D_spring / check.J[1] / (2 * pi)  # half-power width of the anti-resonance: D/J [rad/s]
-    if 0 < width < RESOLVED * e.f0:
+    apart = 2 * e.f0  # what is excited are odd lines
+    if 0 < width < RESOLVED * apart:
         found.append(
             Finding(
-                f"{check.joint}: its sharpest anti-resonance is {width:.2g} Hz wide, lines are {e.f0:g} Hz apart",
+                f"{check.joint}: its sharpest anti-resonance is {width:.3g} Hz wide, excited lines are {apart:g} Hz "
+                "apart",
                 "its depth, and with it the spring's damping, falls between the lines",
-                f"line_spacing_Hz = {width / 2:.1g}, or more periods",
+                _finer(e, width),
                 False,
             )
         )
     return found
+
+
+def _finer(e: Experiment, width: float) -> str:
+    """The remedy for a resonance `width` [Hz] wide: a line spacing that shows it and that robot.toml may have."""
+    times = 2 * RESOLVED * e.f0 / width
+    if times * e.fs / e.f0 * e.periods > MOST_SAMPLES:
+        return "check D_spring: no record holds lines as close as this needs"
+    short = (float(f"{e.f0 / k:.3g}") for k in range(ceil(times), ceil(2.5 * times) + 1))
+    fine = (spacing for spacing in short if recordable(e.fs, spacing, e.periods) and 2 * RESOLVED * spacing <= width)
+    return f"line_spacing_Hz = {next(fine, e.f0 / ceil(times)):.10g}, or more periods"
+
+
+def recordable(fs: float, f0: float, periods: int = 1) -> bool:
+    """Whether a record of `periods` at `fs` with lines every `f0` [Hz] has a whole number of samples a period, and not
+    too many in all: what robot.toml may have."""
+    samples = fs / f0
+    return samples * periods <= MOST_SAMPLES and abs(samples - round(samples)) <= 1e-9 * samples
 
 
 def of_drive(check: JointCheck, robot: Robot) -> list[Finding]:
@@ -204,7 +227,7 @@ def of_drive(check: JointCheck, robot: Robot) -> list[Finding]:
     if check.visible is not None and check.visible < VISIBLE:
         found.append(
             Finding(
-                f"{name}: at {e.band[1]:g} Hz its motor moves {check.visible:.2g} times the encoder's noise",
+                f"{name}: at {check.visible_at:.4g} Hz its motor moves {check.visible:.2g} times the encoder's noise",
                 "the upper lines tell little",
                 "a larger swing_rad or torque, more periods, a finer encoder",
                 False,

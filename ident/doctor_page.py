@@ -36,9 +36,10 @@ def page(found: Examination) -> str:
     width = max(17, *(len(name) + 2 for name in chain.names))
     spare = sum(cell.spare for cell in plan.cells)
     records = f"{len(plan.cells)} records planned, {spare} of them spare, {found.seconds / 60:.3g} min"
+    lines = f"{e.band[0]:g} to {e.band[1]:g} Hz, odd multiples of {e.f0:g} Hz"
     rows = [
         f"{found.robot.name}: {chain.n} joints, {chain.base_link} to {chain.tip_link}; {records}",
-        f"{e.band[0]:g} to {e.band[1]:g} Hz, lines {e.f0:g} Hz apart, {e.periods} periods of {1 / e.f0:g} s at {e.fs:g} Hz",
+        f"{lines}, {e.periods} periods of {1 / e.f0:g} s at {e.fs:g} Hz",
         "",
         _row("workspace", width, _WORKSPACE, _SIZES),
         *(_workspace(check, width) for check in found.joints),

@@ -151,20 +151,28 @@ def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str,
 
 
 def _shortened(robot: Robot, options: argparse.Namespace) -> Robot:
-    """The robot with the line spacing and the periods of the command line, where they are given."""
+    """The robot with the line spacing and the periods of the command line, where given: what robot.toml may have."""
+    from ident.doctor_findings import MOST_SAMPLES, recordable
+
     e = robot.experiment
     f0, periods = getattr(options, "spacing", None), getattr(options, "periods", None)
     if f0 is not None:
-        samples = e.fs / f0 if f0 > 0.0 else 0.0
-        if not (e.fs / 2 > e.band[1] >= f0 > 0.0 and abs(samples - round(samples)) < 1e-9 * samples):
+        if not (e.fs / 2 > e.band[1] >= f0 > 0.0 and recordable(e.fs, f0)):
             raise IdentError(
-                f"--spacing {f0:g}: expected Hz that divide the sampling rate of {e.fs:g} Hz, below {e.band[1]:g}"
+                f"--spacing {f0:g}: expected Hz that divide the sampling rate of {e.fs:g} Hz, below {e.band[1]:g}, into "
+                f"at most {MOST_SAMPLES:g} samples"
             )
         e = replace(e, f0=f0, band=(max(e.band[0], f0), e.band[1]))
     if periods is not None:
         if periods < 2:
             raise IdentError(f"--periods {periods}: expected 2 or more (at least one settles)")
         e = replace(e, periods=periods)
+    if not recordable(e.fs, e.f0, e.periods):
+        given = [f"--{name} {value:g}" for name, value in (("spacing", f0), ("periods", periods)) if value is not None]
+        raise IdentError(
+            f"{' '.join(given)}: {e.periods} periods of {e.fs / e.f0:g} samples each; expected a record of at most "
+            f"{MOST_SAMPLES:g} samples"
+        )
     return replace(robot, experiment=e)
 
 

@@ -55,12 +55,13 @@ def again(given: Mapping[str, Any]) -> Campaign:
 
 
 def _file(given: Mapping[str, Any]) -> Path:
-    """Where a file is now: as it was named, or where it was."""
-    for path in (Path(given["file"]), Path(given.get("path", given["file"]))):
-        if path.is_file():
-            if hashlib.sha256(path.read_bytes()).hexdigest() != given["sha256"]:
-                raise IdentError(f"{path}: has changed since the result was made of it; make the result again")
+    """Where a file is now: as it was named, or where it was; another file of its name is passed by."""
+    there = [path for path in (Path(given["file"]), Path(given.get("path", given["file"]))) if path.is_file()]
+    for path in there:
+        if hashlib.sha256(path.read_bytes()).hexdigest() == given["sha256"]:
             return path
+    if there:
+        raise IdentError(f"{there[-1]}: has changed since the result was made of it; make the result again")
     raise IdentError(f"{given['file']}: no such file; expected the campaign that the result was made of")
 
 

@@ -244,19 +244,21 @@ def _named_at_rest(campaign: Campaign, looks: list[Look], j: int) -> Fault | Non
             "and tau both have the wrong sign"
         )
         return Fault("wrong gear ratio", name, "", line, REFUSE)
-    if fits(angle * N, q):
+    if abs(N) != 1 and fits(angle * N, q):
         line = (
             f"{name}: theta is the angle behind the gear: multiply it by N = {N:g}, or declare N = 1 with tau behind it"
         )
         return Fault("wrong side of the gear", name, "", line, REFUSE)
-    if abs(slope - 1) > RATIO and fits(angle / slope, q) and np.ptp(q) > AT_REST:
+    offset = float(np.median(angle - q))
+    left = float(np.abs(angle - q - offset).max())  # by an offset; a ratio must leave less to be named in its place
+    nearer = np.ptp(q) > AT_REST and np.abs(angle / slope - q).max() < left
+    if abs(slope - 1) > RATIO and fits(angle / slope, q) and nearer:
         if np.isfinite(size) and abs(np.log(size / abs(slope))) < abs(np.log(size)):
             what, remedy = f"theta is {slope:.4g} times what it should be", "check its unit and encoder_counts_per_rev"
         else:
             what, remedy = f"its angles say N = {slope * N:.5g}, declared is {N:g}", "correct the gear ratio"
         return Fault("wrong gear ratio", name, "", f"{name}: at rest {what}: {remedy}", REFUSE)
-    offset = float(np.median(angle - q))
-    if len(looks) > 1 and np.abs(angle - q - offset).max() <= EXPLAINED:
+    if len(looks) > 1 and left <= EXPLAINED:
         line = (
             f"{name}: its encoder's zero is off by {offset:.4g} rad (joint side) in all records: subtract {offset * N:.5g} rad from "
             "theta, or correct the postures: J(q) is read at the declared ones"

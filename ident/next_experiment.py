@@ -75,8 +75,9 @@ class Next:
 def plan_next(result: str | Path, seed: int = 1) -> Next:
     """Writes `result`/next, a robot directory with a plan and what to play, by the verdict.json in `result`.
 
-    The robot is the declared one, so that its records can be diagnosed together with those of the campaign. Raises
-    IdentError, one line: no verdict, its campaign moved or changed; ExperimentError where no cell can be run.
+    The robot is the declared one, so that its records can be diagnosed together with those of the campaign; `seed` is
+    of the excitation, and of the simulation that the text advises: not the campaign's, or its noise is drawn again.
+    Raises IdentError, one line: no verdict, its campaign moved or changed; ExperimentError where no cell can be run.
     """
     out = Path(result)
     verdict = _verdict(out)
@@ -104,7 +105,7 @@ def plan_next(result: str | Path, seed: int = 1) -> Next:
     replace_file(place / "plan.json", json.dumps(plan, indent=1, ensure_ascii=False) + "\n")
     played = export_excitation(robot, chain, cells, place, seed=seed)
     files = (place / "robot.toml", place / "plan.json", *played)
-    return Next(_paragraph(wish, cells, robot, campaign, place), wish, cells, robot.experiment.swing, files)
+    return Next(_paragraph(wish, cells, robot, campaign, place, seed), wish, cells, robot.experiment.swing, files)
 
 
 def wanted(verdict: dict[str, Any]) -> Wish | None:
@@ -269,7 +270,7 @@ def _runnable(cells: Sequence[tuple[str, Array]], model: Model, robot: Robot, se
     return tuple(kept)
 
 
-def _paragraph(wish: Wish, cells: Sequence[Cell], robot: Robot, campaign: Campaign, place: Path) -> str:
+def _paragraph(wish: Wish, cells: Sequence[Cell], robot: Robot, campaign: Campaign, place: Path, seed: int) -> str:
     e = robot.experiment
     per_joint = {joint: sum(cell.joint == joint for cell in cells) for joint in dict.fromkeys(c.joint for c in cells)}
     what = ", ".join(f"{joint} at {count} posture{'s' * (count > 1)}" for joint, count in per_joint.items())
@@ -281,5 +282,6 @@ def _paragraph(wish: Wish, cells: Sequence[Cell], robot: Robot, campaign: Campai
         f"from {e.band[0]:g} to {e.band[1]:g} Hz, {e.periods} periods: {len(cells)} records, {seconds:.0f} s. This is "
         f"{RECIPES[wish.recipe]}, {wish.because}.{need}\n"
         f"On the robot: play {place / 'excitation'}, then ident import --map {place / 'map.toml'}. Simulated: "
-        f"ident simulate {place} --plan {place / 'plan.json'} -o next.h5. Then: ident diagnose CAMPAIGN.h5 next.h5 -o OUT."
+        f"ident simulate {place} --plan {place / 'plan.json'} --seed {seed} -o next.h5. Then: "
+        "ident diagnose CAMPAIGN.h5 next.h5 -o OUT."
     )

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+import symgen.robot
 from ident.bench import Job, in_parallel, run
 from ident.campaign import Campaign
 from ident.errors import CampaignError, ExperimentError
@@ -81,7 +82,8 @@ def _do(task: _Task) -> None:
 
 
 def _tasks(jobs: Sequence[Job], empty: Campaign, partial: Path) -> list[_Task]:
-    program = [source.read_bytes() for source in sorted(Path(__file__).parent.rglob("*.py"))]
+    rooms = (Path(__file__).parent, Path(symgen.robot.__file__).parent)  # a record is made by the code of both
+    program = [source.read_bytes() for room in rooms for source in sorted(room.rglob("*.py"))]
     made_by = [program, [version(library) for library in _LIBRARIES], empty]
     return [_Task(job, empty, partial / f"{job.id}-{digest([made_by, job])[:16]}.h5") for job in jobs]
 

@@ -12,6 +12,7 @@ import numpy as np
 from ident.campaign import Array
 from ident.errors import IdentError
 from ident.plant import gravity_forces
+from ident.robot_text import one_line
 from ident.toml_text import key, quoted
 from symgen.chain import PRISMATIC, Chain
 from symgen.plan import chain_of_file, make_model
@@ -23,7 +24,8 @@ GEAR, SPINDLE = 100.0, 2 * pi / 0.01
 F_AR = 20.0
 #: Damping of the spring as a share of 2 sqrt(K J), and of the motor per its inertia [1/s]: those of good gears.
 DAMPING, MOTOR_DAMPING = 0.01, 1.0
-#: A joint whose effort the URDF does not state gets this many times what gravity takes, or what turns it at this [rad/s2].
+#: A joint whose effort the URDF does not state gets this many times what gravity takes, or what moves link and rotor at
+#: this [rad/s2 or m/s2], whichever is more.
 RESERVE, ACCELERATION = 4.0, 10.0
 
 _POSTURES = 200
@@ -67,19 +69,32 @@ def starting_drives(chain: Chain, gravity: Array) -> tuple[tuple[Drive, ...], Ar
         slide = joint.type == PRISMATIC
         N = SPINDLE if slide else GEAR
         J_m, K = inertia / N**2, inertia * (2 * pi * F_AR) ** 2
-        limit = joint.effort if 0 < joint.effort < _LARGE else max(RESERVE * weight, ACCELERATION * 2 * inertia)
+        limit, _ = _effort(joint.effort, weight, inertia, slide)
         D, D_spring = MOTOR_DAMPING * J_m, 2 * DAMPING * sqrt(K * inertia)
         N, J_m, K, D, D_spring, tau_max = map(_two_digits, (N, J_m, K, D, D_spring, limit / N))
         drives.append(Drive(joint.name, N, J_m, K, D, D_spring, 131072, tau_max, slide))
     return tuple(drives), np.stack([J.min(axis=0), J.max(axis=0)], axis=1), force
 
 
+def _effort(effort: float, weight: float, inertia: float, slide: bool) -> tuple[float, str]:
+    """The largest force of a joint [N m or N], and where it is from; `inertia` is the link's and again the rotor's."""
+    force, m = ("N", "m") if slide else ("N m", "rad")
+    if 0 < effort < _LARGE:
+        return effort, f"the URDF's effort, {effort:g} {force}"
+    invented = (
+        (RESERVE * weight, f"{RESERVE:g} times gravity"),
+        (ACCELERATION * 2 * inertia, f"{ACCELERATION:g} {m}/s2 of mean J_ii and N^2 J_m"),
+    )
+    return max(invented)
+
+
 def _toml(chain: Chain, urdf: str, base: str | None, tip: str | None) -> str:
     e, gravity = Experiment(), np.array([0.0, 0.0, -9.81])
     drives, inertia, force = starting_drives(chain, gravity)
-    frozen = ", ".join(f"{name} = {value:g}" for name, value in chain.frozen.items())
+    frozen = one_line(", ".join(f"{name} = {value:g}" for name, value in chain.frozen.items()))
+    title = one_line(f"{chain.name}: {chain.n} joints, {chain.base_link} to {chain.tip_link}.")
     rows = [
-        f"# {chain.name}: {chain.n} joints, {chain.base_link} to {chain.tip_link}. The URDF knows nothing of motors, gears and",
+        f"# {title} The URDF knows nothing of motors, gears and",
         "# springs: every number marked `check me` is invented. Then: ident doctor on this directory.",
         "",
         "[robot]",
@@ -111,7 +126,7 @@ def _joint(drive: Drive, low: float, high: float, weight: float, effort: float) 
     per = "N_rad_per_m" if slide else "N"
     K, D = ("K_N_per_m", "D_spring_Ns_per_m") if slide else ("K_Nm_per_rad", "D_spring_Nms_per_rad")
     f_low, f_high = (sqrt(drive.K / J) / (2 * pi) for J in (high, max(low, 1e-9)))
-    stated = f"the URDF's effort, {effort:g} {force}" if 0 < effort < _LARGE else f"{RESERVE:g} times gravity"
+    _, stated = _effort(effort, weight, drive.N**2 * drive.J_m, slide)
     return [
         f"[joint.{key(drive.joint)}]",
         f"# J_ii from {low:.3g} to {high:.3g} {kg} over the workspace, gravity up to {weight:.3g} {force}.",

@@ -451,6 +451,11 @@ def no_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.param(["run", "nowhere", "-o", "out"], "nowhere: no such file"),
         pytest.param(["simulate", YPP3, "-o", "c.h5", "--seed", "-1"], "--seed -1"),
         pytest.param(["run", YPP3, "-o", "out", "--method", "magic"], "method 'magic'"),
+        (["simulate", YPP3, "-o", "c.h5", "--spacing", "1e-320"], "--spacing 9.99989e-321: expected Hz that divide the sampling"),
+        (["simulate", YPP3, "-o", "c.h5", "--spacing", "1e-5"], "--spacing 1e-05: expected Hz that divide the sampling rate"),
+        (["simulate", YPP3, "-o", "c.h5", "--spacing", "nan"], "--spacing nan: expected Hz that divide the sampling rate"),
+        (["simulate", YPP3, "-o", "c.h5", "--periods", "10000000"], "--periods 1e+07: 10000000 periods of 10000 samples each; expected a record of at most 1e+07"),
+        (["simulate", YPP3, "-o", "c.h5", "--spacing", "2e-4"], "--spacing 0.0002: 6 periods of 5e+06 samples each; expected"),
         pytest.param(["simulate", YPP3, "-o", "."], "."),
         pytest.param(["simulate", YPP3, "-o", "nowhere/c.h5"], "nowhere"),
         pytest.param(["simulate", YPP3, "-o", "a\0b"], "-o"),
@@ -462,6 +467,29 @@ def test_ident_refuses_what_can_not_be_done_before_it_begins(
 ) -> None:
     Path("file").write_text("kept")
     assert expected in refused(ident.cli.main, *arguments)
+
+
+@pytest.mark.parametrize("command", ["simulate", "run", "doctor", "fit"])
+@pytest.mark.parametrize("begun", [True, False])
+def test_an_interruption_promises_what_is_kept(
+    command: str, begun: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Records of a simulation stay; before the first, after the last and in all other commands nothing does."""
+    out = tmp_path / ("c.h5" if command == "simulate" else "out")
+    file = out / "campaign.h5" if command == "run" else out
+
+    def stop(*_: object, **__: object) -> None:
+        if begun and command in ("simulate", "run"):
+            Path(f"{file}.partial").mkdir(parents=True)
+        raise KeyboardInterrupt
+
+    for name in ("ident.resume.run_to_file", "ident.doctor.examine", "ident.store.read_campaign"):
+        monkeypatch.setattr(name, stop)
+    place = [] if command == "doctor" else ["-o", str(out)]
+    assert ident.cli.main([command, str(YPP3), *place]) == 130
+    kept = "; records that are done stay, the same command goes on there"
+    said = f"ident: interrupted{kept if begun and command in ('simulate', 'run') else ''}\n"
+    assert capsys.readouterr().err.splitlines(keepends=True)[-1] == said
 
 
 # As a shell sees it --------------------------------------------------------------------------------------------------

@@ -244,6 +244,34 @@ def test_the_record_of_another_posture_and_a_wrong_zero(name: str) -> None:
     assert told == pytest.approx(0.3, abs=0.01)
 
 
+def resting(postures: list[float], N: float, read: Callable[[np.ndarray], np.ndarray]) -> Campaign:
+    """Records of joint 2 at these angles, which its encoder shows as `read` has them; its declared gear ratio is `N`."""
+    campaign, records = clean("ypp3"), []
+    for k, q in enumerate(postures):
+        record = campaign.records[1]
+        posture = record.posture.copy()
+        posture[1], still = q, record.theta[:, 1] - record.theta[:, 1].mean()
+        shown = float(N * read(np.array(q)))
+        records.append(
+            replace(column(record, "theta", 1, lambda x, s=still, at=shown: at + s), id=f"{k:04d}", posture=posture)
+        )
+    return replace(campaign, records=tuple(records), N=np.array([campaign.N[0], N, campaign.N[2]]))
+
+
+def test_a_zero_that_is_off_is_no_gear_ratio_where_all_postures_lie_on_one_side() -> None:
+    """A ratio of 1.04 leaves 2 % of these angles, the zero nothing; and the other way round."""
+    postures = [1.2, 1.5, 1.7, 1.4]
+    zero = only(found(resting(postures, 200.0, lambda q: q + 0.06)), "encoder zero", "joint2")
+    assert float(zero.line.split("off by ")[1].split()[0]) == pytest.approx(0.06, rel=0.01)
+    only(found(resting(postures, 200.0, lambda q: 1.04 * q)), "wrong gear ratio", "joint2")
+
+
+@pytest.mark.parametrize("N", [1.0, -1.0])
+def test_nothing_is_behind_a_gear_of_one(N: float) -> None:
+    """0.08 rad at 4 rad are within what a side of the gear may leave."""
+    only(found(resting([4.0, 4.2, 4.4], N, lambda q: q + 0.08)), "encoder zero", "joint2")
+
+
 # signals --------------------------------------------------------------------------------------------------------------
 
 

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from diagnosed import campaign, diagnosis
 
+from ident.bench import design
 from ident.coupled import uncertainty
 from ident.diagnosis_json import FILE, verdict_document, write
 from ident.errors import IdentError
 from ident.export import write_files
 from ident.identified import of_parts
-from ident.inputs import joined, told
+from ident.inputs import again, joined, told
 from ident.next_experiment import SMALLER, Wish, _cells, plan_next, wanted
 from ident.store import write_campaign
 from symgen.plan import chain_of_robot, load_plan_cells, make_model
@@ -35,7 +36,7 @@ def verdict(tmp_path_factory):
     return out, verdict_document(d, [file])
 
 
-def planned(verdict, recipe, **change):
+def planned(verdict, recipe, seed=1, **change):
     """The next experiment, had the first confounded pair needed this recipe."""
     out, document = verdict
     document = json.loads(json.dumps(document))
@@ -43,7 +44,7 @@ def planned(verdict, recipe, **change):
     effect["confounded_with"][0]["recipe"] = recipe
     effect |= change
     write(document, out / FILE)
-    return plan_next(out)
+    return plan_next(out, seed)
 
 
 def test_friction_that_falls_with_speed_is_looked_for_at_small_motions(verdict):
@@ -93,6 +94,36 @@ def test_every_recipe_is_ready_to_run(verdict, recipe, joints):
     )
     assert len(found.text.splitlines()) == 2 and str(found.files[1]) in found.text
     assert json.loads(json.dumps(found.document()))["recipe"] == recipe
+
+
+def test_what_is_simulated_as_advised_is_what_was_exported(verdict):
+    found = planned(verdict, "amplitude", seed=7)
+    words = found.text.split("ident simulate ")[1].split()
+    robot = load_robot(words[0])
+    model = make_model(chain_of_robot(robot), believe_zeros=robot.believe_zeros)
+    cells = load_plan_cells(words[words.index("--plan") + 1], model)
+    seed = int(words[words.index("--seed") + 1])
+    (job, *_) = design(model.chain, robot, [(cell.joint, cell.q) for cell in cells], seed=seed)
+    played = np.loadtxt(next(f for f in found.files if f.name == "0001.csv"), delimiter=",", skiprows=1)
+    np.testing.assert_allclose(job.setup.excitation.samples(robot.experiment.fs), played[:, 1], rtol=1e-9)
+
+
+def test_a_file_of_the_same_name_does_not_hide_the_right_one(tmp_path, monkeypatch):
+    there, here = tmp_path / "there", tmp_path / "here"
+    for place, amount in ((there, 1), (here, 2)):
+        place.mkdir()
+        write_campaign(replace(campaign(), records=campaign().records[:amount]), place / "c.h5")
+    monkeypatch.chdir(there)
+    given = told(["c.h5"])
+    monkeypatch.chdir(here)
+    assert len(again(given).records) == 1
+    (there / "c.h5").write_bytes(b"")
+    with pytest.raises(IdentError, match=r"there/c\.h5: has changed since the result was made of it"):
+        again(given)
+    for place in (there, here):
+        (place / "c.h5").unlink()
+    with pytest.raises(IdentError, match="c.h5: no such file"):
+        again(given)
 
 
 def test_what_was_measured_next_counts_as_measured(verdict, tmp_path):

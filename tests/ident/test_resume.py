@@ -132,6 +132,19 @@ def test_records_of_another_request_are_not_taken(whole: bytes, tmp_path: Path) 
     assert not stopped.exists() or stopped.read_text()
 
 
+@pytest.mark.parametrize("source", ["ident/bench.py", "symgen/robot.py"])
+def test_records_of_another_program_are_not_taken(
+    source: str, whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, said, read = tmp_path / "c.h5", list[str](), Path.read_bytes
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_bytes", lambda self: read(self) + b"#" * self.as_posix().endswith(source))
+        stopped_after(1, path)
+    run_to_file(jobs(), EMPTY, path, workers=1, say=said.append)
+    assert len(said) == 1 and "1 records of another request (arguments, robot or program differ) are dropped" in said[0]
+    assert path.read_bytes() == whole
+
+
 def test_a_damaged_record_is_simulated_again(whole: bytes, tmp_path: Path) -> None:
     path, said = tmp_path / "c.h5", list[str]()
     stopped_after(2, path)

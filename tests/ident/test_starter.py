@@ -14,9 +14,11 @@ import pytest
 
 from ident.cli import main
 from ident.doctor import Examination, examine
+from ident.doctor_findings import recordable
 from ident.doctor_page import page
 from ident.errors import IdentError
 from ident.starter import new_robot, starting_drives
+from symgen.errors import RobotError
 from symgen.plan import chain_of_file, chain_of_robot
 from symgen.robot import load_robot
 
@@ -62,6 +64,30 @@ def test_a_new_robot_is_ready_and_says_what_to_check(tmp_path: Path, capsys: pyt
     capsys.readouterr()
     assert main(["doctor", str(home)]) == 0
     assert capsys.readouterr().out.endswith("Ready for a campaign.\n")
+
+
+def test_a_torque_says_what_it_was_made_of(tmp_path: Path) -> None:
+    """Joint 1 is upright and feels no gravity; no effort is stated, and then one is."""
+    text = re.sub(' effort="[^"]*"', "", (ROBOTS / "ypp3/ypp3.urdf").read_text())
+    (tmp_path / "arm.urdf").write_text(text)
+    toml = new_robot(tmp_path / "arm.urdf", tmp_path / "bare")
+    said = re.findall("torque_limit_Nm = (.*?)   # motor side; check me: (.*), over N", toml.read_text())
+    assert [what for _, what in said] == ["10 rad/s2 of mean J_ii and N^2 J_m", "4 times gravity", "4 times gravity"]
+    robot = load_robot(tmp_path / "bare")
+    one = robot.drive("joint1")
+    assert one.tau_max * one.N == pytest.approx(10 * 2 * one.N**2 * one.J_m, rel=0.1)  # two digits of each
+    (tmp_path / "arm.urdf").write_text(text.replace("<limit", '<limit effort="7"'))
+    assert new_robot(tmp_path / "arm.urdf", tmp_path / "full").read_text().count("the URDF's effort, 7 N m") == 3
+
+
+def test_names_of_several_lines_stay_in_their_comment(tmp_path: Path) -> None:
+    text = (ROBOTS / "ypp3/ypp3.urdf").read_text()
+    for name in ("ypp3", "base_link"):
+        text = text.replace(f'"{name}"', f'"{name}&#10;urdf = 3"')
+    (tmp_path / "arm.urdf").write_text(text)
+    toml = new_robot(tmp_path / "arm.urdf", tmp_path / "arm")
+    assert chain_of_robot(load_robot(toml)).n == 3
+    assert toml.read_text().startswith("# ypp3 urdf = 3: 3 joints, base_link urdf = 3 to link3.")
 
 
 def test_nothing_of_a_person_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -141,6 +167,65 @@ def test_each_ailment_is_named(changes: tuple, says: str, serious: bool, sound: 
     named = [finding for finding in found.findings if says in finding.what]
     assert named and named[0].serious == serious and named[0].remedy
     assert not serious or not found.ready
+
+
+def advised(found: Examination, joint: str) -> str | None:
+    """What is to be done for a joint whose anti-resonance is too sharp."""
+    words = f"{joint}: its sharpest anti-resonance"
+    return next((finding.remedy for finding in found.findings if finding.what.startswith(words)), None)
+
+
+@pytest.mark.parametrize("D_spring", [0.7, 0.33, 0.11, 0.05])
+def test_the_spacing_advised_is_one_that_robot_toml_may_have_and_that_helps(D_spring: float, tmp_path: Path) -> None:
+    """Excited lines are odd, two spacings apart; D_spring = 0.7 makes the anti-resonance 0.16 Hz wide."""
+    change = ("D_spring_Nms_per_rad = 1.1", f"D_spring_Nms_per_rad = {D_spring}")
+    found = spoiled(tmp_path, change)
+    width = D_spring / found.joints[1].J[1] / (2 * np.pi)
+    (said,) = [f.what for f in found.findings if f.what.startswith("joint2: its sharpest")]
+    assert f"is {width:.3g} Hz wide, excited lines are 0.2 Hz apart" in said
+    remedy = advised(found, "joint2")
+    assert remedy is not None
+    spacing = remedy.split("line_spacing_Hz = ")[1].split(",")[0]
+    assert width / 5.1 < 2 * float(spacing) <= width
+    toml = tmp_path / "arm/robot.toml"
+    toml.write_text(re.sub("line_spacing_Hz = .*", f"line_spacing_Hz = {spacing}", toml.read_text()))
+    assert load_robot(toml).experiment.f0 == float(spacing)
+
+
+def test_a_spacing_that_no_record_can_hold_is_not_advised(tmp_path: Path) -> None:
+    found = spoiled(tmp_path, ("D_spring_Nms_per_rad = 1.1", "D_spring_Nms_per_rad = 1e-4"))
+    remedy = advised(found, "joint2")
+    assert remedy is not None and "line_spacing_Hz" not in remedy
+
+
+@pytest.mark.parametrize(
+    ("fs", "f0"), [(1000.0, 0.2), (2000 / 3, 0.2 / 3), (8192.0, 0.125), (333.0, 0.3), (100.0, 3.125)]
+)
+def test_a_record_is_recordable_where_load_robot_says_so(fs: float, f0: float, tmp_path: Path) -> None:
+    shutil.copy(ROBOTS / "ypp3/ypp3.urdf", tmp_path)
+    text = (ROBOTS / "ypp3/robot.toml").read_text()
+    text = re.sub("sample_rate_Hz = .*", f"sample_rate_Hz = {fs}", text).replace("[0.1, 120]", "[0.1, 45]")
+    seen = set()
+    for factor in (1.0, 1 / 3, 1 / 3 * (1 + 3e-9), 0.37, 1e-3, 1e-4, 1e-5, 1e-9, 1e-319):
+        spacing = f0 * factor
+        (tmp_path / "robot.toml").write_text(re.sub("line_spacing_Hz = .*", f"line_spacing_Hz = {spacing!r}", text))
+        try:
+            may = load_robot(tmp_path).experiment.f0 == spacing
+        except RobotError as error:
+            assert "samples" in str(error)
+            may = False
+        assert recordable(fs, spacing, 6) == may
+        seen.add(may)
+    assert seen == {True, False}
+
+
+def test_the_encoder_is_judged_at_the_highest_line_played(tmp_path: Path) -> None:
+    """Joint 1's anti-resonance reaches 95.7 Hz, far above a band of 40 Hz: that record is excited up to 1.25 f_R."""
+    coarse = ("encoder_counts_per_rev = 131072", "encoder_counts_per_rev = 256")
+    found = spoiled(tmp_path, coarse, ("band_Hz = [0.1, 120]", "band_Hz = [0.1, 40]"))
+    tops = dict(re.findall(r"(\w+): at ([0-9.]+) Hz its motor moves", "\n".join(f.what for f in found.findings)))
+    assert float(tops["joint1"]) == pytest.approx(1.25 * 97.5, rel=0.01) and 39 < float(tops["joint3"]) < 40
+    assert [float(tops[j.joint]) for j in found.joints] == pytest.approx([j.visible_at for j in found.joints], rel=1e-3)
 
 
 def test_records_that_can_not_be_run_are_problems(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
