@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,11 @@ def _frozen(values: object, dtype: type = float) -> Array:
 class Record:
     """One excitation at one posture, with the response of every joint.
 
-    `posture` [n, rad] declared link angles at rest; `lines` [L] excited harmonics of `f0` [Hz]; `rms` [N m] of the
-    multisine, motor side. `tau` [T, n, N m] commanded motor torque, feedback and bias included; `theta` [T, n, rad] motor
-    angle, motor side. `omega` [T, n, rad/s] and `q_link` [T, n, rad] are None where not measured. theta[k] is read at the
-    instant from which tau[k] acts. For a prismatic joint read m, N and kg for rad, N m and kg m2.
+    `posture` [n, rad] declared link angles at rest; `lines` [L] excited harmonics of `f0` [Hz], ascending in whatever
+    order they are given; `rms` [N m] of the multisine, motor side. `tau` [T, n, N m] commanded motor torque, feedback
+    and bias included; `theta` [T, n, rad] motor angle, motor side. `omega` [T, n, rad/s] and `q_link` [T, n, rad] are
+    None where not measured. theta[k] is read at the instant from which tau[k] acts. For a prismatic joint read m, N and
+    kg for rad, N m and kg m2.
     """
 
     id: str
@@ -46,15 +47,17 @@ class Record:
         for name in ("posture", "tau", "theta", "omega", "q_link"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _frozen(getattr(self, name)))
-        object.__setattr__(self, "lines", _frozen(self.lines, np.int64))
+        lines = np.array(self.lines, dtype=np.int64)
+        object.__setattr__(self, "lines", _frozen(np.sort(lines) if lines.ndim else lines, np.int64))
 
 
 @dataclass(frozen=True)
 class Campaign:
     """All records of one robot, and the robot as its engineer believes it to be.
 
-    `N` [n, 1] gear ratios; `J_m` [n, kg m2, motor side] and `K` [n, N m/rad, joint side] are datasheet values, NaN where
-    unknown, and so are `D` [n, N m s/rad, motor side] and `D_spring` [n, N m s/rad, joint side], all NaN where not given; `gravity` [3, m/s2] in the base frame; `hold` is "zoh" or "band-limited" (see the campaign format).
+    `N` [n, 1] gear ratios; `J_m` [n, kg m2, motor side] and `K` [n, N m/rad, joint side] are datasheet values, NaN
+    where unknown, and so are `D` [n, N m s/rad, motor side] and `D_spring` [n, N m s/rad, joint side], all NaN where
+    not given; `gravity` [3, m/s2] in the base frame; `hold` is "zoh" or "band-limited" (see the campaign format).
     """
 
     urdf: str
@@ -67,15 +70,15 @@ class Campaign:
     gravity: Array
     source: str
     records: tuple[Record, ...]
-    D: Array | None = None
-    D_spring: Array | None = None
+    D: Array = field(default_factory=lambda: np.array(np.nan))
+    D_spring: Array = field(default_factory=lambda: np.array(np.nan))
 
     def __post_init__(self) -> None:
-        for name in ("D", "D_spring"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, np.full(self.n, np.nan))
-        for name in ("N", "J_m", "K", "gravity", "D", "D_spring"):
+        for name in ("N", "J_m", "K", "gravity"):
             object.__setattr__(self, name, _frozen(getattr(self, name)))
+        for name in ("D", "D_spring"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, _frozen(value if np.ndim(value) else np.full(self.n, value)))
 
     @property
     def n(self) -> int:

@@ -59,7 +59,7 @@ def _check_record(r: Record, c: Campaign, limits: Mapping[str, tuple[float, floa
             ("excited", r.excited, r.excited in c.joints, f"one of {', '.join(c.joints)}"),
             ("posture", r.posture, _finite(r.posture, (n,)), f"{n} finite numbers"),
             ("f0_hz", r.f0, 0 < r.f0 < np.inf, "a finite number > 0"),
-            ("periods", r.periods, r.periods >= 1, "at least 1"),
+            ("periods", r.periods, r.periods >= 2, "at least 2, to tell noise from response"),
             ("samples_per_period", r.samples_per_period, r.samples_per_period >= 1, "at least 1"),
             (
                 "samples_per_period",
@@ -75,9 +75,9 @@ def _check_record(r: Record, c: Campaign, limits: Mapping[str, tuple[float, floa
         where,
     )
     top = int(r.lines.max())
-    if 2 * top > r.samples_per_period:
+    if 2 * top >= r.samples_per_period:
         raise CampaignError(
-            f"{where}: lines: line {top} is at {top * r.f0:g} Hz, expected none above fs/2 = {c.fs / 2:g} Hz"
+            f"{where}: lines: line {top} is at {top * r.f0:g} Hz, expected none above fs/2 = {c.fs / 2:g} Hz nor at it"
         )
     for name, value in zip(c.joints, r.posture, strict=True):
         low, high = limits[name]
@@ -113,15 +113,11 @@ def _positive_or_nan(values: Array, n: int) -> bool:
     return values.shape == (n,) and bool(np.all(np.isnan(values) | ((values > 0) & np.isfinite(values))))
 
 
-def _not_negative_or_nan(values: Array | None, n: int) -> bool:
-    return (
-        values is not None
-        and values.shape == (n,)
-        and bool(np.all(np.isnan(values) | ((values >= 0) & np.isfinite(values))))
-    )
+def _not_negative_or_nan(values: Array, n: int) -> bool:
+    return values.shape == (n,) and bool(np.all(np.isnan(values) | ((values >= 0) & np.isfinite(values))))
 
 
-def damping(c: Campaign) -> tuple[tuple[str, Array | None], ...]:
+def damping(c: Campaign) -> tuple[tuple[str, Array], ...]:
     """Beyond the format: the declared damping, where there is any."""
     return (("damping", c.D), ("spring_damping", c.D_spring))
 

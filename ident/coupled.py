@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import null_space
 
 from ident.arm_fit import UNSEEN_INFORMATION, Problem, hold, residual, scale_of, spectrum
 from ident.arm_model import DRIVES, Parameters
@@ -22,6 +23,7 @@ from ident.evidence import Evidence, evidence, gravity_basis, scenes_of
 from ident.fit import UNTOLD, chi2_limit, two_mass
 from ident.frf import Complex, Frf
 from ident.parts import degrees
+from ident.solve import RANK_TOLERANCE
 from ident.start import START_DAMPING
 from symgen.plan import Model
 
@@ -48,11 +50,12 @@ FEW_LINES = 100
 class CoupledFit:
     """An arm fitted to all its records.
 
-    `alpha` [D] of the model with `covariance` [D, D]; `unseen` [D, k] orthonormal directions of alpha the records hold no
-    information on (there alpha is the start's, CAD). K [N m/rad, joint side], J_m [kg m2], D [N m s/rad] motor side,
-    D_spring [N m s/rad, joint side], each [n], with `drive_std` [4, n] in the order of `DRIVES`. `gravity` [r, kg m] the
-    orthonormal combinations of first moments on which the gravity stiffness depends (`gravity_basis`), with `gravity_std`.
-    `chi2_per_dof` over `dof` degrees of freedom is `explained` when below `chi2_limit`. `predictions`: see `predict`.
+    `alpha` [D] of the model with `covariance` [D, D]; `unseen` [D, k] orthonormal directions of alpha the records hold
+    no information on: alpha is CAD's there where no record's J(q) depends on it, and means nothing where noise hides
+    it. K [N m/rad, joint side], J_m [kg m2], D [N m s/rad] motor side, D_spring [N m s/rad, joint side], each [n], with
+    `drive_std` [4, n] in the order of `DRIVES`. `gravity` [r, kg m] the orthonormal combinations of first moments on
+    which the gravity stiffness depends (`gravity_basis`). `chi2_per_dof` over `dof` degrees of freedom is `explained`
+    when below `chi2_limit`. `predictions`: see `predict`.
     """
 
     alpha: Array
@@ -64,7 +67,6 @@ class CoupledFit:
     D_spring: Array
     drive_std: Array
     gravity: Array
-    gravity_std: Array
     chi2_per_dof: float
     dof: int
     chi2_limit: float
@@ -90,7 +92,7 @@ def fit_coupled(
     Starts from `start`, else from the datasheet (two-mass fits where it is silent), CAD and a damping of 1 %; if that
     leads nowhere, from softer springs and from the drives of two-mass fits. All of this on few lines a record; all lines
     then have the last word. Joints that neither moved nor were driven in a record are taken as clamped there. Raises
-    IdentError for no records and for a record without usable lines.
+    IdentError for no records, for a record without usable lines and for too few lines in all.
     """
     if not responses:
         raise IdentError("no records to fit; expected at least one")
@@ -105,7 +107,7 @@ def fit_coupled(
         found = _approach(problem, guess.vector())
         if best is None or found.chi2 < best[1].chi2:
             best = (problem, found)
-        if found.chi2 < ARRIVED * degrees_of_freedom(problem, found)[0]:
+        if found.chi2 < ARRIVED * max(degrees(rough) - len(found.vector), 1):
             break
     assert best is not None
     problem, found = replace(best[0], data=data), minimise(best[0], best[1].vector)
@@ -153,12 +155,16 @@ def problem_of(
 
 def degrees_of_freedom(problem: Problem, found: Minimum) -> tuple[int, float]:
     """Returns the degrees of freedom of chi^2, and the chi^2 per degree that noise alone rarely exceeds: noise powers are
-    shared by all lines, and right to `NOISE_MODEL`."""
-    judged = degrees(problem.data)
-    dof = judged - int(spectrum(found.information)[2].sum())
+    shared by all lines, and right to `NOISE_MODEL`. IdentError where the records hold no more numbers than they fix."""
+    judged, seen = degrees(problem.data), int(spectrum(found.information)[2].sum())
+    dof = judged - seen
+    if dof < 1:
+        raise IdentError(
+            f"the usable lines hold {judged} numbers and fix {seen} parameters; expected more lines to judge it by"
+        )
     width = int(np.mean([len(one.sampling.f) for one in problem.data]))
-    noise_dof = float(np.mean([max(one.noise_dof, 5.0) for one in problem.data]))
-    return dof, (1.0 + NOISE_MODEL) * chi2_limit(judged // 2, dof, noise_dof, width)
+    noise_dof = float(np.mean([one.noise_dof for one in problem.data]))
+    return dof, (1.0 + NOISE_MODEL) * chi2_limit(dof, noise_dof, width)
 
 
 def _starts(
@@ -187,8 +193,8 @@ def declared_start(campaign: Campaign, model: Model, responses: Sequence[Frf], b
         K, J_m = (np.where(np.isfinite(own), own, other) for own, other in zip((K, J_m), fitted, strict=True))
     start = _damped(campaign, model, responses, K, J_m, model.alpha_cad, basis @ model.chain.parameters)
 
-    def known(declared: Array | None, guess: Array) -> Array:
-        return guess if declared is None else np.where(np.nan_to_num(declared) > 0.0, declared, guess)
+    def known(declared: Array, guess: Array) -> Array:
+        return np.where(np.nan_to_num(declared) > 0.0, declared, guess)
 
     return replace(start, D=known(campaign.D, start.D), D_spring=known(campaign.D_spring, start.D_spring))
 
@@ -222,22 +228,32 @@ def _two_mass_drives(campaign: Campaign, responses: Sequence[Frf]) -> tuple[Arra
 
 def _result(campaign: Campaign, model: Model, responses: Sequence[Frf], problem: Problem, found: Minimum) -> CoupledFit:
     """The fit as its users see it; predictions at the lines that were too noisy to fit, too."""
-    n, D = problem.n, problem.D
-    basis = gravity_basis(model, campaign.gravity)
+    n, basis = problem.n, gravity_basis(model, campaign.gravity)
     shown = [
         one if one.scene.slopes else evidence(campaign, model, basis, frf, one.index, "excited")
         for one, frf in zip(problem.data, responses, strict=True)
     ]
     p = problem.parameters(found.vector)
+    absent = _absent(problem)  # a descent goes along these, too
+    alpha = p.alpha + absent @ (absent.T @ (model.alpha_cad - p.alpha))
     covariance, unseen, std = uncertainty(problem, found)
     dof, limit = degrees_of_freedom(problem, found)
     chi2 = found.chi2 / dof
     fit = CoupledFit(
-        p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring,
-        std[: 4 * n].reshape(4, n) * np.stack([p.K, p.J_m, p.D, p.D_spring]), p.gravity, std[4 * n + D : problem.base],
+        alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring,
+        std[: 4 * n].reshape(4, n) * np.stack([p.K, p.J_m, p.D, p.D_spring]), p.gravity,
         chi2, dof, limit, chi2 <= limit, found.converged, (), _predictions(problem, found.vector, shown, responses),
     )  # fmt: skip
-    return replace(fit, status=_status(fit, campaign, model))
+    return replace(fit, status=_status(fit, absent, campaign, model))
+
+
+def _absent(problem: Problem) -> Array:
+    """Orthonormal directions of alpha [D, k] on which no record depends, whatever the arm."""
+    D = problem.D
+    size = problem.scale[4 * problem.n : 4 * problem.n + D]
+    rows = [one.scene.arm.J_rows.reshape(-1, D) for one in problem.data]
+    rows += [one.scene.slopes[0].reshape(-1, D) for one in problem.data if one.scene.slopes]
+    return np.linalg.qr(size[:, None] * null_space(np.concatenate(rows) * size, rcond=RANK_TOLERANCE))[0]
 
 
 def uncertainty(problem: Problem, found: Minimum) -> tuple[Array, Array, Array]:
@@ -267,8 +283,8 @@ def _predictions(
     return tuple(predictions)
 
 
-def _status(fit: CoupledFit, campaign: Campaign, model: Model) -> tuple[str, ...]:
-    """What the fit does not tell, one line each."""
+def _status(fit: CoupledFit, absent: Array, campaign: Campaign, model: Model) -> tuple[str, ...]:
+    """What the fit does not tell, one line each; along `absent` [D, k] alpha is CAD's."""
     lines = []
     if not fit.converged:
         lines.append("the coupled fit did not converge")
@@ -276,11 +292,16 @@ def _status(fit: CoupledFit, campaign: Campaign, model: Model) -> tuple[str, ...
         lines.append(
             f"the elastic arm does not explain its records: chi2/dof {fit.chi2_per_dof:.3g}, limit {fit.chi2_limit:.3g}"
         )
-    for direction in fit.unseen.T:
-        k = int(np.argmax(np.abs(direction)))
-        lines.append(
-            f"the records hold no information on a direction of alpha, mostly {model.names[k]}: CAD value kept"
-        )
+    hidden = fit.unseen - absent @ (absent.T @ fit.unseen)
+    directions, sizes, _ = np.linalg.svd(hidden, full_matrices=False)
+    for found, why in (
+        (absent.T, "the records hold no information on a direction of alpha, mostly {}: CAD value kept"),
+        (
+            directions.T[sizes > 0.5],
+            "a direction of alpha, mostly {}, is lost in noise and what else may be: its value means nothing",
+        ),
+    ):
+        lines += [why.format(model.names[int(np.argmax(np.abs(direction)))]) for direction in found]
     lines += thin(certainty(model, fit.covariance, fit.unseen))
     for name, std in zip(DRIVES, fit.drive_std, strict=True):
         for joint, value, deviation in zip(campaign.joints, getattr(fit, name), std, strict=True):

@@ -20,7 +20,8 @@ _SHARED = ("K", "J_m")
 
 @dataclass(frozen=True)
 class SharedDrive:
-    """One joint: `K` [N m/rad, joint side], `J_m` [kg m2] and `D` [N m s/rad] motor side, and J_l of its R records.
+    """One joint: `K` [N m/rad] and `D_spring` [N m s/rad] joint side, `J_m` [kg m2] and `D` [N m s/rad] motor side, and
+    J_l of its R records.
 
     `J_l` [R, kg m2] with `covariance` [R, R]. `chi2` over `dof` tells whether one K and one J_m explain all records;
     where not (`agrees` false), each record keeps its own reading, as the paper does, and nothing is shared.
@@ -30,6 +31,7 @@ class SharedDrive:
     K: Combined
     J_m: Combined
     D: Combined
+    D_spring: Combined
     J_l: Array
     covariance: Array
     chi2: float
@@ -48,7 +50,7 @@ def share(joint: str, fits: Sequence[JointFit]) -> SharedDrive:
     covariances = np.array([fit.covariance[np.ix_(use, use)] for fit in fits]) * inflation[:, None, None]
     combined = {
         name: combine([getattr(fit, name) for fit in fits], [_std(fit, name) for fit in fits])
-        for name in ("K", "J_m", "D")
+        for name in ("K", "J_m", "D", "D_spring")
     }
     R, dof = len(fits), 2 * (len(fits) - 1)
     scale = np.concatenate([values[0, :2], values[:, 2]])

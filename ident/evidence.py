@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ident.arm_model import Posture, Sampling
 from ident.campaign import Array, Campaign
 from ident.errors import IdentError
-from ident.frf import BINS, ORDER, ROUNDING, Frf
+from ident.frf import ROUNDING, Frf, noise_dof
 from ident.scene import Scene, Slopes
 from ident.whitening import Noise
 from symgen.plan import Model
@@ -94,11 +94,10 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
         chain=model.chain,
         gravity=campaign.gravity,
     )
-    one = 2.0 * (BINS - ORDER)
-    share = (frf.dof / one - 1.0) / (frf.width - 1) if frf.width > 1 else 1.0
+    spacing = 1 if lines == "every" else frf.spacing
     return Evidence(
         index, frf.index, band.excited[use], scene, Sampling(scene.f0 * scene.lines, campaign.fs, campaign.hold),
-        Noise(samples, frf.floor[live]), one / 2.0 * (1.0 + (len(scene.lines) - 1) * share),
+        Noise(samples, frf.floor[live]), noise_dof(len(scene.lines), spacing, frf.periods),
     )  # fmt: skip
 
 

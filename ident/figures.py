@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from ident.campaign import Array, Campaign
 from ident.canvas import CAD, DATA, EVEN, FIT, GRID, INK, MUTED, ODD, dots, drawing, logarithmic
-from ident.fit import predict
+from ident.fit import PARAMETERS, predict
 from ident.frf import Complex
 from ident.identify import OF_TWO_MASSES, Identification, Measurement
+from ident.start import START_DAMPING
 from ident.verdict import entry
 
 if TYPE_CHECKING:
@@ -45,32 +46,43 @@ class Response:
 def response(m: Measurement, campaign: Campaign) -> Response:
     """Returns the curves of one record.
 
-    The declared drive takes damping, and what no datasheet tells, from the fit; K_g too where the fit explains the
-    record.
+    The declared drive takes damping, and what no datasheet tells, from the fit of two masses; K_g too where that
+    explains the record. Without that fit damping is 1 %, and `declared` NaN where the datasheet is silent.
     """
     frf, fit, i = m.frf, m.two_mass, m.index
-    f, G, p = frf.frequencies[frf.usable], frf.G[frf.usable], fit.parameters
-    declared = p.copy()
-    for k, value in enumerate((campaign.J_m[i], campaign.K[i], m.J_cad)):
-        if np.isfinite(value) and value > 0:
-            declared[k] = value
-    if not fit.explained:
-        declared[5] = 0.0
+    f, G = frf.frequencies[frf.usable], frf.G[frf.usable]
     N, fs, hold = float(campaign.N[i]), campaign.fs, campaign.hold
+    declared = _declared(m, campaign)
     at_lines = m.G_model[frf.usable]
-    if m.method not in OF_TWO_MASSES:  # known at the lines only
+    if fit is None or m.method not in OF_TWO_MASSES:  # known at the lines only
         fine, at_fine = f, at_lines
     else:
         near = 1.0 + np.linspace(-0.04, 0.04, 33)
         fine = np.concatenate([np.geomspace(f[0], f[-1], 240), fit.f_AR * near, fit.f_R * near])
         fine = np.unique(fine[(fine >= f[0]) & (fine <= f[-1])])
-        at_fine = predict(p, fine, N, fs, hold)
+        at_fine = predict(fit.parameters, fine, N, fs, hold)
     sigma = np.sqrt(frf.variance[frf.usable])
     s, fine_s = 2j * np.pi * f, 2j * np.pi * fine
+    known = np.isfinite(declared).all()
+    expected = predict(declared, fine, N, fs, hold) if known else np.full(len(fine), np.nan, dtype=complex)
     return Response(
-        f, s * G, np.abs(s) * sigma, np.abs(G - at_lines) / sigma, fine, fine_s * at_fine,
-        fine_s * predict(declared, fine, N, fs, hold),
+        f, s * G, np.abs(s) * sigma, np.abs(G - at_lines) / sigma, fine, fine_s * at_fine, fine_s * expected
     )  # fmt: skip
+
+
+def _declared(m: Measurement, campaign: Campaign) -> Array:
+    """The six parameters of the datasheet's drive with CAD's inertia."""
+    fit, i = m.two_mass, m.index
+    declared = np.full(len(PARAMETERS), np.nan) if fit is None else fit.parameters
+    for k, value in enumerate((campaign.J_m[i], campaign.K[i], m.J_cad)):
+        if np.isfinite(value) and value > 0:
+            declared[k] = value
+    if fit is None:
+        J_m, K, J = declared[:3]
+        declared[3:5] = 2 * START_DAMPING * np.sqrt(K * J_m) / abs(campaign.N[i]), 2 * START_DAMPING * np.sqrt(K * J)
+    if fit is None or not fit.explained:
+        declared[5] = 0.0
+    return declared
 
 
 def frf_figure(m: Measurement, campaign: Campaign) -> str:
@@ -81,11 +93,11 @@ def frf_figure(m: Measurement, campaign: Campaign) -> str:
         figure.subplots_adjust(left=0.115, right=0.985, top=0.885, bottom=0.09, hspace=0.15)
         _magnitude(size, r)
         size.set_ylabel("|velocity / torque| [rad/s per N m]")
-        for f in (fit.f_AR, fit.f_R) if m.method in OF_TWO_MASSES else ():
-            if r.f[0] < f < r.f[-1]:
-                for axes in (size, phase, misfit):
-                    axes.axvline(f, color=MUTED, linewidth=0.9, linestyle=(0, (1, 1.5)))
-        if m.method in OF_TWO_MASSES:
+        if fit is not None and m.method in OF_TWO_MASSES:
+            for f in (fit.f_AR, fit.f_R):
+                if r.f[0] < f < r.f[-1]:
+                    for axes in (size, phase, misfit):
+                        axes.axvline(f, color=MUTED, linewidth=0.9, linestyle=(0, (1, 1.5)))
             at = float(np.clip(np.sqrt(fit.f_AR * fit.f_R), r.f[0], r.f[-1]))
             right = at**2 > r.f[0] * r.f[-1]
             size.text(
@@ -187,7 +199,7 @@ def summary_figure(identification: Identification) -> str:
 def _magnitude(axes: Axes, r: Response) -> None:
     logarithmic(axes.set_xscale, axes.xaxis)
     logarithmic(axes.set_yscale, axes.yaxis)
-    axes.set_xlim(r.f[0], r.f[-1])
+    axes.set_xlim(r.f[0], r.f[-1] if len(r.f) > 1 else 1.1 * r.f[0])
     axes.set_ylim(*_decades(np.concatenate([np.abs(r.measured), np.abs(r.fitted), [max(np.median(r.noise), 1e-300)]])))
     axes.plot(r.f, r.noise, color=MUTED, linewidth=0.7, label="noise level")
     axes.plot(r.fine, np.abs(r.fitted), color=FIT, linewidth=1.2, label="fitted")

@@ -153,7 +153,7 @@ def two_mass(
         found = f"{len(f)} of {len(frf.frequencies)} excited lines are usable"
         raise IdentError(f"record {frf.record}: {found}, a flexible joint needs at least {len(PARAMETERS)}")
     dof = 2 * len(f) - len(PARAMETERS)
-    limit = chi2_limit(len(f), dof, frf.dof, frf.width)
+    limit = chi2_limit(dof, frf.dof, frf.width)
     starts = iter([_vector(start)]) if start is not None else starts_of(f, G, sigma, N, fs, hold)
     best, cost, converged = np.zeros(len(PARAMETERS)), np.inf, False
     for guess in islice(starts, tries):  # made one by one: most records need only the first
@@ -188,10 +188,10 @@ def two_mass(
     )  # fmt: skip
 
 
-def chi2_limit(lines: int, dof: int, variance_dof: float, width: int, confidence: float = CONFIDENCE) -> float:
+def chi2_limit(dof: int, variance_dof: float, width: int, confidence: float = CONFIDENCE) -> float:
     """Returns the chi^2 per degree of freedom that noise alone exceeds with probability 1 - `confidence`.
 
-    The chi^2 of `lines` complex residuals, `dof` real degrees of freedom, is divided by variances which themselves are
+    The chi^2 of complex residuals, `dof` real degrees of freedom, is divided by variances which themselves are
     estimates with `variance_dof` degrees of freedom shared by `width` neighbouring lines: each line is F(2,
     variance_dof) distributed. The gamma distribution with the mean and variance of the sum gives the limit
     (Satterthwaite).

@@ -131,6 +131,13 @@ class Frf:
     def n(self) -> int:
         return int(self.tau.shape[1])
 
+    @property
+    def spacing(self) -> int:
+        """Harmonics from an excited line to the next, the median. CampaignError for a response without its `band`."""
+        if self.band is None:
+            raise CampaignError(f"record {self.record}: its spectra are missing; expected those of estimate()")
+        return _spacing(self.band.lines[self.band.excited])
+
     @cached_property
     def H(self) -> Complex:
         """theta_k of all joints over the torque of the excited one [L, n], rad per N m."""
@@ -147,18 +154,6 @@ class Frf:
         `variance`, which is first order in noise over torque, too small."""
         noise = np.mean(np.abs(self.noise[:, :, self.index]) ** 2, axis=0)
         return np.asarray(np.abs(self.tau[:, self.index]) ** 2 > USABLE**2 * moving_average(noise, self.width))
-
-    def covariance(self) -> Complex:
-        """Returns the noise covariance of (tau, theta) of all joints [L, 2n, 2n], smoothed over `width` lines.
-
-        Angles never below the quantisation floor. Next to a sharp resonance the smoothing mixes lines of different
-        gain; who has a model should form its equation error from `noise` line by line instead (as `variance` does).
-        """
-        raw = np.einsum("rla,rlb->lab", self.noise, self.noise.conj()) / len(self.noise)
-        matrix = moving_average(raw, self.width)
-        angles = np.arange(self.n, 2 * self.n)
-        matrix[:, angles, angles] = np.maximum(matrix[:, angles, angles].real, self.floor)
-        return matrix
 
 
 def _fixed(values: NDArray[np.complex128]) -> Complex:
@@ -194,8 +189,7 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
         )
     periods = kept.reshape(M, S, 2 * n)
     floor = _quantisation(step, periods[:, :, n:], bool(np.all(lines % 2)))
-    spacing = int(np.median(np.diff(lines))) if len(lines) > 1 else 1
-    width, dof = _averaging(len(lines), spacing * (M - 1))
+    width, dof = _averaging(len(lines), _spacing(lines), M)
     variance = _variance(
         tau[:, joint], theta[:, joint], noise[:, excited][:, :, [joint, n + joint]], width, floor[joint]
     )
@@ -258,9 +252,11 @@ def _check(record: Record, campaign: Campaign) -> int:
     if S < 2 * BINS + 2:
         raise CampaignError(f"record {record.id}: {S} samples per period, at least {2 * BINS + 2} are needed")
     lines = record.lines
-    if lines.size == 0 or lines[0] < 1 or lines[-1] >= S / 2 or np.any(np.diff(lines) <= 0):
+    odd = lines[(lines < 1) | (lines >= S / 2) | (np.diff(lines, append=S) == 0)]
+    if odd.size or not lines.size:
         raise CampaignError(
-            f"record {record.id}: lines must increase within 1 .. {(S - 1) // 2}, found {lines.tolist()[:5]} .."
+            f"record {record.id}: lines must be different ones of 1 .. {(S - 1) // 2},"
+            f" found {odd[0] if odd.size else 'none'}"
         )
     return campaign.joints.index(record.excited)
 
@@ -273,11 +269,21 @@ def _encoder_step(theta: Array) -> Array:
     return np.where(np.isfinite(smallest), smallest, 0.0)
 
 
-def _averaging(L: int, bins_per_line: int) -> tuple[int, float]:
-    """Returns over how many of L lines a variance is averaged, and the degrees of freedom (a bin counts once)."""
-    width = 1 + int(np.ceil((DOF_WANTED / 2.0 / (BINS - ORDER) - 1.0) * BINS / min(BINS, bins_per_line)))
+def noise_dof(L: int, spacing: int, M: int) -> float:
+    """Returns how many independent complex samples the errors at L lines are, `spacing` harmonics apart, of M periods:
+    neighbours share bins, and a bin counts once."""
+    return (BINS - ORDER) * (1.0 + (L - 1) * min(BINS, spacing * (M - 1)) / BINS)
+
+
+def _spacing(lines: NDArray[np.int64]) -> int:
+    return int(np.median(np.diff(lines))) if len(lines) > 1 else 1
+
+
+def _averaging(L: int, spacing: int, M: int) -> tuple[int, float]:
+    """Returns over how many of L lines a variance is averaged, and its (real) degrees of freedom."""
+    width = 1 + int(np.ceil((DOF_WANTED / 2.0 / (BINS - ORDER) - 1.0) * BINS / min(BINS, spacing * (M - 1))))
     width = min(max(width, 1), L)
-    return width, 2.0 * (BINS - ORDER) * (1.0 + (width - 1) * min(BINS, bins_per_line) / BINS)
+    return width, 2.0 * noise_dof(width, spacing, M)
 
 
 def _quantisation(step: Array, angles: Array, odd: bool) -> Array:

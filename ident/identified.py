@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.arm_model import DRIVES
 from ident.campaign import Array, Campaign
 from ident.coupled import PLAIN_DRIVE
 from ident.errors import IdentError
@@ -197,7 +198,10 @@ def _line(error: Exception) -> str:
 
 
 def _separate_drives(r: Identification) -> tuple[list[Array], tuple[str, ...]]:
-    """K, J_m, D, D_spring [n] of fits record by record, and a note for every joint that no record excited."""
+    """K, J_m, D, D_spring [n] of fits record by record, and a note for every joint that no record excited.
+
+    Dampings that noise makes negative are zero.
+    """
     c, notes = r.campaign, []
     K, J_m = (np.where(np.isfinite(own), own, plain) for own, plain in zip((c.K, c.J_m), PLAIN_DRIVE, strict=True))
     J = np.diag(r.model.J_cad(np.zeros(c.n)))
@@ -207,9 +211,8 @@ def _separate_drives(r: Identification) -> tuple[list[Array], tuple[str, ...]]:
         if drive is None:
             notes.append(_UNSEEN)
             continue
-        fits = [m.two_mass for m in r.measurements if m.index == i]
-        D_spring[i] = np.median([fit.D_spring for fit in fits])
-        K[i], J_m[i], D[i] = drive.K.value, drive.J_m.value, drive.D.value
+        K[i], J_m[i], *own = (getattr(drive, name).value for name in DRIVES)
+        D[i], D_spring[i] = np.maximum(own, 0.0)
         notes.append("")
     return [K, J_m, D, D_spring], tuple(notes)
 

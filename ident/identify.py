@@ -18,7 +18,7 @@ from ident.coupled import CoupledFit, fit_coupled
 from ident.drive import SharedDrive
 from ident.errors import IdentError
 from ident.faults import Fault, doubtful_ratio, refuse
-from ident.fit import ThreePoint, TwoMass, predict, three_point, two_mass
+from ident.fit import PARAMETERS, ThreePoint, TwoMass, predict, three_point, two_mass
 from ident.frf import Complex, Frf, estimate
 from ident.links import nearest_links
 from ident.modal import Modal, modal
@@ -42,9 +42,10 @@ _RESPONSES = (1e-20, 1e20)
 class Measurement:
     """One record and what was read from it: `J` [kg m2] with `std` is the J_ii(q) found at its posture; `J_cad` declared.
 
-    `G_model` [L] is the response theta / tau of the excited joint by the method's model (by two masses for "three-point",
-    which has none for all lines); `two_mass` with other methods a quick fit, to compare; `explained` when the misfit `chi2_per_dof` stays below `chi2_limit`. With "coupled" all
-    records stand or fall together, and chi2_per_dof is that of the excited joint alone.
+    `G_model` [L] is the response theta / tau of the excited joint by the method's model (by two masses for
+    "three-point", which has none for all lines); `two_mass` with other methods a quick fit, to compare, None where the
+    record has too few lines for it; `explained` when the misfit `chi2_per_dof` stays below `chi2_limit`. With "coupled"
+    all records stand or fall together, and chi2_per_dof is that of the excited joint alone.
     """
 
     record: Record
@@ -52,7 +53,7 @@ class Measurement:
     method: str
     frf: Frf
     three_point: ThreePoint
-    two_mass: TwoMass
+    two_mass: TwoMass | None
     J: float
     std: float
     J_cad: float
@@ -205,7 +206,7 @@ class _Readings:
     """What was read from the records: `fits` by the method, record by record, or `coupled`; the others to compare."""
 
     three_point: list[ThreePoint]
-    two_mass: list[TwoMass]
+    two_mass: Sequence[TwoMass | None]
     fits: Sequence[TwoMass | Modal]
     coupled: CoupledFit | None
 
@@ -219,13 +220,18 @@ class _Readings:
 def _read(campaign: Campaign, model: Model, responses: list[Frf], method: str, J_cad: Array, workers: int) -> _Readings:
     """Fits the responses; `J_cad` [R, n, n, kg m2] is that of the declared arm at their postures."""
     three = [three_point(frf, campaign.N[frf.index]) for frf in responses]
-    tries = None if method in OF_TWO_MASSES else 1
-    two = [two_mass(frf, campaign.N[frf.index], campaign.fs, campaign.hold, tries=tries) for frf in responses]
-    fits: Sequence[TwoMass | Modal] = two
+
+    def two(frf: Frf, tries: int | None = None) -> TwoMass:
+        return two_mass(frf, campaign.N[frf.index], campaign.fs, campaign.hold, tries=tries)
+
+    if method in OF_TWO_MASSES:
+        fits = [two(frf) for frf in responses]
+        return _Readings(three, fits, fits, None)
+    compared = [two(frf, 1) if frf.usable.sum() >= len(PARAMETERS) else None for frf in responses]
     if method == "modal":
-        fits = [modal(frf, campaign, J) for frf, J in zip(responses, J_cad, strict=True)]
-    coupled = fit_coupled(campaign, model, responses, workers=workers) if method == "coupled" else None
-    return _Readings(three, two, fits, coupled)
+        modes = [modal(frf, campaign, J) for frf, J in zip(responses, J_cad, strict=True)]
+        return _Readings(three, compared, modes, None)
+    return _Readings(three, compared, (), fit_coupled(campaign, model, responses, workers=workers))
 
 
 def _measurement(
@@ -276,7 +282,8 @@ def _notes(model: Model, responses: list[Frf], readings: _Readings, arm: OneArm,
             )
     open_names = [name for name, known in zip(model.names, alpha.determined, strict=False) if not known]
     if open_names:
-        notes.append(f"Not determined by these records, held at CAD: {', '.join(open_names)}; measure more postures")
+        names = ", ".join(open_names)
+        notes.append(f"Not determined by these records: {names} (CAD's along what none shows); measure more postures")
     if not alpha.agrees:
         notes.append(
             f"The measured J_ii contradict each other: chi2 {alpha.chi2:.3g} for {alpha.dof} degrees of freedom"

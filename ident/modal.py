@@ -21,7 +21,7 @@ from ident.campaign import Array, Campaign
 from ident.errors import IdentError
 from ident.evidence import live_joints
 from ident.fit import PARAMETERS, UNTOLD, JointFit, chi2_limit
-from ident.frf import BINS, ORDER, Complex, Frf
+from ident.frf import Complex, Frf, noise_dof
 from ident.start import START_DAMPING
 
 #: Modes are looked for in this many times the band, damped between these shares of critical.
@@ -42,12 +42,11 @@ TOLD_SHARE = 1e-3
 class Modal(JointFit):
     """The excited joint of one record, read by its modes.
 
-    `f_AR`, `zeta` and `mass` [modes]: anti-resonances [Hz], damping ratios, modal masses [kg m2], of which J_l is the sum.
+    `f_AR` and `mass` [modes]: anti-resonances [Hz] and modal masses [kg m2], of which J_l is the sum.
     `J_m` holds the masses of modes above the band. `G` [L] is the model's theta / tau with the other motors moving as they did.
     """
 
     f_AR: Array
-    zeta: Array
     mass: Array
     G: Complex
 
@@ -56,21 +55,23 @@ def modal(frf: Frf, campaign: Campaign, J: Array | None = None) -> Modal:
     """Returns the reading of one record; as many modes as chi^2 asks for, at most one for each joint that moves.
 
     `J` [n, n] of the declared arm at the record's posture tells, with the declared K, what lies above the band. Raises
-    IdentError for too few usable lines. Exact for a linear arm without gravity all of whose modes are in the band; gravity
-    is corrected by its own diagonal.
+    IdentError for too few usable lines. Exact for a linear arm without gravity all of whose modes are in the band; K_g
+    and J_ii are corrected for gravity by its own diagonal.
     """
     scene = _scene(frf, campaign)
-    if len(scene.s) < 2 * len(PARAMETERS):
-        raise IdentError(
-            f"record {frf.record}: {len(scene.s)} lines are usable, modes need {2 * len(PARAMETERS)} or more"
-        )
+    moving = scene.x.shape[1]
+    least = max(2 * len(PARAMETERS), moving + 3)  # two numbers a line for a rigid rotor, and a mode that all feel
+    if len(scene.s) < least:
+        raise IdentError(f"record {frf.record}: {len(scene.s)} lines are usable, modes need {least} or more")
     best = _Fit(np.zeros((0, 2)), np.zeros(0), np.inf, np.abs(scene.tau))
-    while len(best.poles) < len(scene.x[0]):
+    most = min(moving, (2 * len(scene.s) - 4) // (2 + 2 * moving))
+    while len(best.poles) < most:
         better = _with_another(scene, best)
         if better is None:
             break
         best = better
         scene = scene.corrected(best.c[0])
+    best = _fitted(scene, best.poles)  # without the aliases that the last fit still had
     return _reading(scene, frf, best, J, campaign)
 
 
@@ -214,7 +215,7 @@ def _fitted(scene: _Scene, poles: Array) -> _Fit:
             sigma = _sigma(scene, x.reshape(-1, 2), c)
     poles = x.reshape(-1, 2)
     c, r, direct, _ = _projected(scene, poles, sigma)
-    jacobian = np.concatenate([_real(_columns(scene, poles) * (np.sqrt(2.0) / sigma)[:, None]), direct], axis=1)
+    jacobian = np.concatenate([-_real(_columns(scene, poles) * (np.sqrt(2.0) / sigma)[:, None]), direct], axis=1)
     return _Fit(poles, c, float(r @ r), sigma, jacobian)
 
 
@@ -267,21 +268,27 @@ def _masses(scene: _Scene, fit: _Fit) -> Array:
 
 
 def _values(scene: _Scene, fit: _Fit) -> Array:
-    """The six parameters [6]: Z at s = 0 and far above, term by term."""
+    """The six parameters [6]: Z at s = 0 and far above, term by term.
+
+    The constant of Z lacks what the spring's damping makes of the modes: with S = K + D_spring s the arm is S - S^2 /
+    (..), which is nothing where S is, at s = -K / D_spring. S^2 and its slope are zero there: a rough K is enough to go
+    there.
+    """
     a, b, c, w2 = _mode_values(scene, fit.poles, fit.c)
-    mass, damping, K = fit.c[:3]
+    mass, damping, constant = fit.c[:3]
     N2 = scene.N**2
-    K_g = K - np.sum(a / w2)
     D = damping - np.sum(b / w2 - a * c / w2**2)
-    return np.array([mass / N2, K, np.sum(_masses(scene, fit)) * (1.0 + K_g / K) ** 2, D / N2, damping - D, K_g])
+    D_spring = damping - D
+    K = constant + D_spring**2 * np.sum(a) / constant**2
+    K = constant + np.sum(D_spring * (b * K - a * D_spring) / (K**2 - c * K * D_spring + w2 * D_spring**2))
+    static = constant - np.sum(a / w2)  # the spring and gravity, one after the other
+    K_g = K * static / (K - static)
+    return np.array([mass / N2, K, np.sum(_masses(scene, fit)) * (1.0 + K_g / K) ** 2, D / N2, D_spring, K_g])
 
 
 def _degrees(scene: _Scene, frf: Frf, fit: _Fit) -> tuple[int, float]:
     dof = 2 * len(scene.s) - len(fit.c) - fit.poles.size
-    one = 2.0 * (BINS - ORDER)
-    share = (frf.dof / one - 1.0) / (frf.width - 1) if frf.width > 1 else 1.0
-    noise_dof = max(one / 2.0 * (1.0 + (len(scene.s) - 1) * share), 5.0)
-    return dof, chi2_limit(len(scene.s), dof, noise_dof, len(scene.s))
+    return dof, chi2_limit(dof, noise_dof(len(scene.s), frf.spacing, frf.periods), len(scene.s))
 
 
 def _reading(scene: _Scene, frf: Frf, fit: _Fit, J: Array | None, campaign: Campaign) -> Modal:
@@ -304,23 +311,35 @@ def _reading(scene: _Scene, frf: Frf, fit: _Fit, J: Array | None, campaign: Camp
     chi2 = fit.chi2 / dof
     status = _status(frf, values, np.sqrt(np.diag(covariance)), chi2, limit, len(fit.poles), _above(frf, J, campaign))
     J_m, K, J_l, D, D_spring, K_g = map(float, values)
-    w, zeta = np.exp(fit.poles).T
     G = np.array(frf.G)
     x = scene.x[:, 0] * (_columns(scene, fit.poles) @ fit.c) / scene.tau
     G[frf.usable] *= scene.x[:, 0] / x
     return Modal(
         frf.record, frf.joint, J_m, K, J_l, D, D_spring, K_g, covariance, float(chi2), dof, limit, bool(chi2 <= limit),
-        status, w / (2 * np.pi), zeta, _masses(scene, fit), G,
+        status, np.exp(fit.poles[:, 0]) / (2 * np.pi), _masses(scene, fit), G,
     )  # fmt: skip
 
 
-def _above(frf: Frf, J: Array | None, campaign: Campaign) -> tuple[Array, Array]:
-    """Frequencies [Hz] and shares of J_ii of the declared arm's anti-resonances above the band."""
-    if J is None or not np.isfinite(campaign.K).all():
+def anti_resonances(frf: Frf, J: Array, K: Array) -> tuple[Array, Array]:
+    """Frequencies [k, Hz] and shares of J_ii of the anti-resonances that the excited motor sees.
+
+    The other motors that moved stand still (where a link is locked itself none is held): J v = K v / w^2, and J_ii is
+    the sum of these modal masses. `J` [n, n, kg m2], `K` [n] of the arm; nothing where one of these K is not known.
+    """
+    live = live_joints(frf)
+    K, J = K[live], J[np.ix_(live, live)]
+    i = int(np.flatnonzero(live == frf.index)[0])
+    if not np.isfinite(K).all() or J[i, i] <= 0.0:
         return np.zeros(0), np.zeros(0)
-    inverse, v = eigh(J, np.diag(campaign.K))
-    share = inverse * (v[frf.index] * campaign.K[frf.index]) ** 2 / J[frf.index, frf.index]
-    f = 1.0 / (2 * np.pi * np.sqrt(inverse))
+    inverse, v = eigh(J, np.diag(K))
+    return 1.0 / (2 * np.pi * np.sqrt(inverse)), inverse * (v[i] * K[i]) ** 2 / J[i, i]
+
+
+def _above(frf: Frf, J: Array | None, campaign: Campaign) -> tuple[Array, Array]:
+    """Those of the declared arm above the band."""
+    if J is None:
+        return np.zeros(0), np.zeros(0)
+    f, share = anti_resonances(frf, J, campaign.K)
     hidden = f > frf.frequencies[-1]
     return f[hidden], share[hidden]
 

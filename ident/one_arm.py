@@ -82,21 +82,22 @@ def _alpha_of(coupled: CoupledFit, d: int, M: int) -> Alpha:
     """The constants the diagonal shows, as `solve` would return them; a coupled fit leaves no residual of J_ii."""
     none = np.zeros(M)
     return Alpha(
-        coupled.alpha[:d], coupled.covariance[:d, :d], determined(coupled.unseen[:d]), coupled.unseen[:d], (), none, none, none, none, 0.0, 0, True, ()
+        coupled.alpha[:d], coupled.covariance[:d, :d], determined(coupled.unseen[:d]), coupled.unseen[:d],
+        none, none, none, none, 0.0, 0, True, (),
     )  # fmt: skip
 
 
 def _coupled_drives(campaign: Campaign, coupled: CoupledFit) -> tuple[SharedDrive, ...]:
-    """One a joint: a coupled fit has one K, J_m and D for all records."""
+    """One a joint: a coupled fit has one drive for all records."""
 
     def one(name: str, i: int) -> Combined:
         return Combined(
             float(getattr(coupled, name)[i]), float(coupled.drive_std[DRIVES.index(name), i]), 0.0, 0, True, 0.0
         )
 
-    empty = np.zeros(0)
+    empty = np.zeros(0), np.zeros((0, 0))
     return tuple(
-        SharedDrive(joint, one("K", i), one("J_m", i), one("D", i), empty, np.zeros((0, 0)), 0.0, 0, True)
+        SharedDrive(joint, one("K", i), one("J_m", i), one("D", i), one("D_spring", i), *empty, 0.0, 0, True)
         for i, joint in enumerate(campaign.joints)
     )
 

@@ -97,12 +97,12 @@ def _with_spacing(
     drives = [robot.drive(name) for name in chain.names]
     K, J_m, D, D_spring = np.array([[d.K, d.J_m, d.D, d.D_spring] for d in drives]).T
     arm = Parameters(K, J_m, D, D_spring, model.alpha_cad, basis @ chain.parameters)
-    scale = problem_of(empty, model, basis, (), arm).scale
-    each = np.array([_information(model, robot, empty, basis, setup, arm, scale) for setup in setups]) / ALLOWANCE
-
     problem = problem_of(empty, model, basis, (), arm)
+    each = (
+        np.array([_information(model, robot, empty, basis, setup, arm, problem.scale) for setup in setups]) / ALLOWANCE
+    )
     alphas = slice(4 * chain.n, 4 * chain.n + len(model.names))
-    size = scale[alphas]
+    size = problem.scale[alphas]
     steady = np.full(len(setups), STEADY)
     settling = sum(setup.settle for setup in setups)
     while settling + steady.sum() < most:

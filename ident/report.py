@@ -15,7 +15,7 @@ import numpy as np
 
 from ident import verdict
 from ident.certainty import certainty
-from ident.fit import PARAMETERS
+from ident.fit import PARAMETERS, TwoMass
 from ident.identify import UNSEEN_POSTURES, Identification, Measurement
 from ident.plain import plain, replace_file
 
@@ -184,18 +184,22 @@ def _record(m: Measurement) -> dict[str, Any]:
         "J_l": m.J,
         "std": m.std,
         "J_cad": m.J_cad,
-        "two_mass": {name: getattr(fit, name) for name in PARAMETERS}
-        | {"std": dict(zip(PARAMETERS, fit.std_inflated, strict=True)), "dof": fit.dof, "chi2_limit": fit.chi2_limit},
+        "two_mass": fit and _two_mass(fit),
         "three_point": {name: getattr(three, name) for name in ("f_AR", "f_R", "J_m", "K", "J_l", "status")},
         "chi2_per_dof": m.chi2_per_dof,
         "explained": m.explained,
-        "f_AR": fit.f_AR,
-        "f_R": fit.f_R,
-        "inertia_ratio": fit.inertia_ratio,
-        "band_ratio": fit.band_ratio,
+        **{name: fit and getattr(fit, name) for name in ("f_AR", "f_R", "inertia_ratio", "band_ratio")},
         "periods_used": m.frf.periods,
         "distortion": {name: verdict.distortion(m, *band) for name, band in verdict.BANDS.items()},
-        "status": (*m.frf.status, *fit.status),
+        "status": (*m.frf.status, *(fit.status if fit else ())),
+    }
+
+
+def _two_mass(fit: TwoMass) -> dict[str, Any]:
+    return {name: getattr(fit, name) for name in PARAMETERS} | {
+        "std": dict(zip(PARAMETERS, fit.std_inflated, strict=True)),
+        "dof": fit.dof,
+        "chi2_limit": fit.chi2_limit,
     }
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ident.identify import UNSEEN_POSTURES, Identification
 
 #: Notes of a brief page.
@@ -42,7 +44,8 @@ def _constants(alpha: dict[str, Any]) -> list[str]:
     rows = [f"{'constant':<14}{'identified':>12}{'sigma':>12}{'CAD':>12}{'error %':>9}  unit"]
     columns = (alpha[key] for key in ("names", "value", "std", "unit", "cad"))
     for name, value, std, unit, cad in zip(*columns, strict=True):
-        sigma = "held at CAD" if std is None else f"{std:.2g}"
+        kept = "held at CAD" if np.isclose(value, cad, rtol=1e-9, atol=0.0) else "unknown"
+        sigma = kept if std is None else f"{std:.2g}"
         rows.append(f"{name:<14}{value:>12.6f}{sigma:>12}{cad:>12.6f}{_percent(value, cad):>9}  {unit}")
     return rows
 

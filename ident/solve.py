@@ -25,19 +25,6 @@ CONFIDENCE = 0.999
 
 
 @dataclass(frozen=True)
-class Stage:
-    """What one joint added: `measurements` of it, the alphas that became determined with it, those still open after it,
-    and the chi^2 its measurements added over the degrees of freedom they added."""
-
-    joint: int
-    measurements: int
-    determined: tuple[int, ...]
-    open: tuple[int, ...]
-    chi2: float
-    dof: int
-
-
-@dataclass(frozen=True)
 class Alpha:
     """The constants `value` [d] with `covariance` [d, d] (units of alpha), and how well the measurements agree.
 
@@ -52,7 +39,6 @@ class Alpha:
     covariance: Array
     determined: NDArray[np.bool_]
     unseen: Array
-    stages: tuple[Stage, ...]
     residual: Array
     redundancy: Array
     left_out: Array
@@ -101,21 +87,11 @@ def solve(
     M, d = C.shape
     A, y = np.linalg.solve(L, C), np.linalg.solve(L, b)
     root = np.zeros((0, d + 1))  # [R z]: R alpha = z carries all information so far
-    stages: list[Stage] = []
-    known = np.zeros(d, dtype=bool)
-    misfit, rank = 0.0, 0
     for joint in sorted(set(of_row.tolist()), reverse=True):
         chosen = of_row == joint
         root = np.linalg.qr(np.vstack([root, np.column_stack([A[chosen], y[chosen]])])).R
-        estimate = _Estimate.of(root)
-        fresh = estimate.determined & ~known
-        known = estimate.determined
-        still = ~known & (of_alpha >= joint)
-        stages.append(Stage(
-            joint, int(chosen.sum()), tuple(np.flatnonzero(fresh).tolist()), tuple(np.flatnonzero(still).tolist()),
-            max(estimate.misfit - misfit, 0.0), int(chosen.sum()) - (estimate.rank - rank),
-        ))  # fmt: skip
-        misfit, rank = estimate.misfit, estimate.rank
+    estimate = _Estimate.of(root)
+    known, misfit = estimate.determined, estimate.misfit
     residual = b - C @ estimate.value
     # Q = V^-1 - V^-1 C P C' V^-1: what the measurements say of each other once alpha is taken out
     inverse = np.linalg.inv(L)
@@ -126,11 +102,11 @@ def solve(
     redundancy = np.where(checked, redundancy, 0.0)
     left_out = np.divide(Q @ residual, np.diag(Q), out=np.zeros(M), where=checked)
     standardised = np.where(checked, left_out * np.sqrt(np.maximum(np.diag(Q), 0.0)), 0.0)
-    dof = M - rank
+    dof = M - estimate.rank
     agrees = dof == 0 or misfit <= noise_allows(dof)
     return Alpha(
-        estimate.value, estimate.covariance, known, estimate.unseen, tuple(stages), residual, redundancy, left_out,
-        standardised, misfit, dof, agrees, _status(known, of_alpha, misfit, dof, agrees),
+        estimate.value, estimate.covariance, known, estimate.unseen, residual, redundancy, left_out, standardised,
+        misfit, dof, agrees, _status(known, of_alpha, misfit, dof, agrees),
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ FORMAT, VERSION = "frf-campaign", 1
 
 _GZIP = 1  # every HDF5 reader has it; level 4 saves 5 % of the space and takes half as long again
 _CHUNK_BYTES = 2**18  # a few chunks a period: cheap to read in part, and below h5py's chunk cache
+_DAMPING = {"D": "drive/damping", "D_spring": "drive/spring_damping"}
 _TEXT_CHECK = "text_crc32"  # HDF5 keeps strings of variable length in a heap, which has no checksum of its own
 
 
@@ -139,7 +140,7 @@ def _write(file: h5py.File, c: Campaign) -> None:
     for name, values in (("gear_ratio", c.N), ("motor_inertia", c.J_m), ("stiffness", c.K), ("gravity", c.gravity)):
         _array(file, f"drive/{name}", values)
     for name, D in damping(c):
-        if D is not None and not np.all(np.isnan(D)):
+        if not np.all(np.isnan(D)):
             _array(file, f"drive/{name}", D)
     for record in c.records:
         group = file.create_group(f"experiments/{record.id}")
@@ -192,8 +193,7 @@ def _read(file: h5py.File, where: str) -> Campaign:
         J_m=root.array("drive/motor_inertia", (n,)),
         K=root.array("drive/stiffness", (n,)),
         gravity=root.array("drive/gravity", (3,)),
-        D=root.array("drive/damping", (n,)) if "drive/damping" in file else None,
-        D_spring=root.array("drive/spring_damping", (n,)) if "drive/spring_damping" in file else None,
+        **{name: root.array(path, (n,)) for name, path in _DAMPING.items() if path in file},
         source=source,
         records=tuple(_read_record(experiments.below(id), id, n) for id in sorted(experiments.group)),
     )

@@ -6,7 +6,6 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
 
 from ident.campaign import Array
 from ident.certainty import certainty, thin
@@ -14,6 +13,7 @@ from ident.coupled import CoupledFit
 from ident.drive import SharedDrive
 from ident.fit import UNTOLD
 from ident.identify import OF_TWO_MASSES, Identification, Measurement
+from ident.modal import anti_resonances
 from ident.physical import Consistency
 
 #: An anti-resonance that carries less than this share of J_ii leaves no visible pair in the response of motor i.
@@ -145,7 +145,7 @@ def _unexplained(r: Identification, joint: str, own: list[Measurement]) -> Probl
     poor = [m for m in own if not m.explained]
     worst = max(poor, key=lambda m: m.chi2_per_dof)
     two, name = r.method in OF_TWO_MASSES, entry(worst.index, worst.index, r.campaign.n)
-    miss, where = misfit(worst, r)
+    miss, where = misfit(worst)
     modes, others, bent = held_modes(r, worst), held_motion(r, worst), distorted(worst)
     reasons = [
         f"χ²/dof is {number(worst.chi2_per_dof)} in record {worst.record.id}, noise allows {number(worst.chi2_limit)}.",
@@ -177,7 +177,7 @@ def _and(values: Array) -> str:
     return f"{', '.join(first)} and {last}"
 
 
-def misfit(m: Measurement, identification: Identification) -> tuple[float, float]:
+def misfit(m: Measurement) -> tuple[float, float]:
     """Returns the largest |G - fit| / |G| over the lines that stand out of the noise, and its frequency [Hz]."""
     frf = m.frf
     off = np.abs(frf.G - m.G_model)
@@ -187,22 +187,18 @@ def misfit(m: Measurement, identification: Identification) -> tuple[float, float
 
 
 def held_modes(identification: Identification, m: Measurement) -> Array:
-    """Returns the anti-resonances [k, Hz] of the declared arm at the excited motor while all other motors stand still.
+    """Returns the anti-resonances [k, Hz] of the declared arm at the excited motor, as `anti_resonances` has them.
 
-    J v = K v / w^2; those that carry a visible share of J_ii as modal mass (J_ii is the sum of these masses). Empty
-    where K or J is not known. A link that is locked itself is not a held motor: then there is only one.
+    Those that carry a visible share of J_ii; empty where K or J is not known.
     """
-    c, J = identification.campaign, identification.model.J_cad(m.record.posture)
+    c = identification.campaign
     K = c.K.copy()
     for drive in identification.drives:
         k = c.joints.index(drive.joint)
         if not np.isfinite(K[k]):
             K[k] = drive.K.value
-    if not np.isfinite(K).all() or J[m.index, m.index] <= 0.0:
-        return np.zeros(0)
-    inverse, v = eigh(J, np.diag(K))
-    share = inverse * (v[m.index] * K[m.index]) ** 2 / J[m.index, m.index]
-    return np.asarray(1.0 / (2.0 * np.pi * np.sqrt(inverse[share > VISIBLE_MODE][::-1])))
+    f, share = anti_resonances(m.frf, identification.model.J_cad(m.record.posture), K)
+    return f[share > VISIBLE_MODE][::-1]
 
 
 def held_motion(identification: Identification, m: Measurement) -> float:
@@ -256,13 +252,13 @@ def not_identifiable(identification: Identification) -> list[dict[str, str]]:
     if open_names:
         add(
             ", ".join(open_names),
-            "no combination of these records determines it; held at CAD",
+            "no combination of these records determines it; CAD's along what none shows",
             "measure more postures: symgen plans them",
         )
     for m in r.measurements:
         (name, reason, remedy), where = _band(m), f"of {m.record.excited}, record {m.record.id}"
         if m.std > UNTOLD * abs(m.J):
-            ratio = f"J/(N² J_m) is {number(m.two_mass.inertia_ratio, 2)}"
+            ratio = f"J/(N² J_m) is {number(m.two_mass.inertia_ratio, 2)}" if m.two_mass else ""
             why = "; ".join(filter(None, (_told(m.J, m.std), ratio, reason)))
             add(f"J_l {where}", why, remedy or "excite more, record more periods, or measure K elsewhere")
         elif reason:
@@ -296,7 +292,7 @@ def _told(value: float, std: float) -> str:
 
 def _band(m: Measurement) -> tuple[str, str, str]:
     """Which of f_AR and f_R lies outside the band, by how much, and what helps; empty when both are inside."""
-    if m.method not in OF_TWO_MASSES:
+    if m.method not in OF_TWO_MASSES or m.two_mass is None:
         return "", "", ""
     low, high = m.frf.frequencies[0], m.frf.frequencies[-1]
     for name, f in (("f_AR", m.two_mass.f_AR), ("f_R", m.two_mass.f_R)):

@@ -384,8 +384,6 @@ def test_ident_refuses_a_truncated_campaign(campaign: Campaign, refused: Bench) 
 
 SILENT = {
     "no torque": (lambda r: {"tau": 0 * r.tau}, "joint3 has no torque there"),
-    "one period": (lambda r: {"periods": 1, "tau": r.tau[:2000], "theta": r.theta[:2000]}, "1 period recorded, at least 2"),
-    "one line": (lambda r: {"lines": r.lines[:1]}, "1 of 1 excited lines are usable, a flexible joint needs at least 6"),
     "another joint": (lambda r: {"excited": "joint1"}, "joint1 is said to be excited, but the multisine is on the motor of"),
 }  # fmt: skip
 
@@ -397,6 +395,13 @@ def test_ident_refuses_records_that_say_nothing(
     write_campaign(every_record(campaign, change), "c.h5")
     Path("out").mkdir()
     assert expected in refused(ident.cli.main, "fit", "c.h5", "-o", "out")
+
+
+def test_ident_refuses_records_of_too_few_lines_for_two_masses(campaign: Campaign, refused: Bench) -> None:
+    write_campaign(every_record(campaign, lambda r: {"lines": r.lines[:1]}), "c.h5")
+    Path("out").mkdir()
+    said = refused(ident.cli.main, "fit", "c.h5", "-o", "out", "--method", "two-mass")
+    assert "1 of 1 excited lines are usable, a flexible joint needs at least 6" in said
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

@@ -16,9 +16,10 @@ from ident.campaign import Campaign
 from ident.certainty import certainty
 from ident.coupled import CoupledFit, Start, fit_coupled
 from ident.errors import IdentError
-from ident.evidence import gravity_basis
+from ident.evidence import evidence, gravity_basis
 from ident.fit import two_mass
-from ident.frf import estimate
+from ident.frf import BINS, ORDER, estimate
+from ident.solve import inertia_std
 from symgen.plan import Model, chain_of_robot, make_model
 from symgen.robot import load_robot
 from symgen.urdf import load_chain
@@ -212,12 +213,55 @@ def test_what_was_not_measured_is_said_and_kept(model: Model) -> None:
     found = fitted(model, replace(data, records=(made,)))
     assert found.explained and found.unseen.shape == (len(model.names), len(model.names) - 1)
     np.testing.assert_allclose(found.unseen.T @ found.unseen, np.eye(len(model.names) - 1), atol=1e-12)
-    for values in (found.alpha, found.covariance, found.drive_std, found.gravity_std, found.predict(0)):
+    for values in (found.alpha, found.covariance, found.drive_std, found.gravity, found.predict(0)):
         assert np.isfinite(values).all()
     J = model.J(np.array(POSTURES[0]), found.alpha)
     assert J[1, 1] == pytest.approx(arm.J[1, 1], rel=1e-3)
     assert any("no information" in line for line in found.status)
     assert np.all(found.predict(0)[:, 0] == 0.0)
+
+
+def test_alpha_is_cads_along_what_no_record_depends_on() -> None:
+    """One posture of general links a third heavier than CAD's: the search moves all, also along what nothing shows."""
+    model = make_model(load_chain(ROBOTS / "ypp3" / "ypp3.urdf", at={"joint1": 0.0}), believe_zeros=False)
+    arm, q = linear_arm(model, POSTURES[0]), np.array(POSTURES[0])
+    heavy = replace(arm, J=1.3 * arm.J, K=1.3 * arm.K, K_g=1.3 * arm.K_g)
+    made = record(heavy, 0, lines=LINES, f0=0.5, periods=4, gains=np.array([[0.4, 4e-3], [0.2, 2e-3]]), posture=q)
+    data = replace(campaign(arm, [made]), joints=("joint1", "joint2"), gravity=GRAVITY, J_m=arm.J_m)
+    found = fitted(model, data)
+    assert found.explained and found.unseen.shape == (4, 1)
+    assert abs(found.unseen.T @ (found.alpha - model.alpha_cad))[0] < 1e-9 * np.abs(model.alpha_cad).max()
+    assert any("CAD value kept" in line for line in found.status)
+    J, std = model.J(q, found.alpha), inertia_std(model.J_rows(q), found.covariance, found.unseen)
+    assert np.all(np.abs(J - heavy.J) < 5 * std) and np.all(std < 1e-2 * np.abs(heavy.J))  # none the worse for it
+    off = np.abs(found.predict(0)[:, 0] / estimate(made, data).theta[:, 0] - 1)
+    assert np.median(off) < 1e-2
+    # low lines in noise: they do depend on the other constants, too little to tell, and the search ends anywhere
+    gains = np.array([[0.4, 4e-3], [0.2, 2e-3]])
+    poor = record(heavy, 0, lines=np.arange(3, 20, 2), f0=0.5, periods=4, noise=1.0, gains=gains, posture=q)
+    told = fitted(model, replace(data, records=(poor,)))
+    assert told.unseen.shape[1] > 1 and sum("CAD value kept" in line for line in told.status) == 1
+    assert sum("is lost in noise" in line for line in told.status) == told.unseen.shape[1] - 1
+
+
+def test_too_few_lines_are_an_error(model: Model) -> None:
+    arm = linear_arm(model, POSTURES[0])
+    one = record(
+        arm, 0, lines=[61], f0=0.5, periods=4, gains=np.array([[0.4, 4e-3], [0.2, 2e-3]]), posture=np.array(POSTURES[0])
+    )
+    data = replace(campaign(arm, [one]), joints=("joint1", "joint2"), gravity=GRAVITY, J_m=arm.J_m)
+    with pytest.raises(IdentError, match="the usable lines hold 4 numbers and fix 4 parameters; expected more lines"):
+        fitted(model, data)
+
+
+def test_noise_has_no_more_freedom_at_every_line_than_there_are_bins(model: Model, noisy: Campaign) -> None:
+    """Where all lines of the band are fitted, they share the bins that the excited ones had for themselves."""
+    basis, frf = gravity_basis(model, GRAVITY), estimate(noisy.records[0], noisy)
+    excited, every = (evidence(noisy, model, basis, frf, 0, lines) for lines in ("usable", "every"))
+    bins = (LINES[-1] - LINES[0]) * (frf.periods - 1) + BINS
+    assert excited.noise_dof == (BINS - ORDER) * len(LINES)
+    assert every.noise_dof == pytest.approx((BINS - ORDER) * bins / BINS)
+    assert every.noise_dof < 2 * excited.noise_dof
 
 
 def test_no_records_is_an_error(model: Model) -> None:

@@ -84,3 +84,4 @@ def test_a_fit_that_does_not_explain_its_record_counts_less() -> None:
     drive = share("joint1", [good, bad])
     assert np.sqrt(drive.covariance[1, 1]) > 10 * bad.std[2]
     assert drive.K.value == pytest.approx(good.K, rel=1e-5)
+    assert drive.D_spring.value == pytest.approx(good.D_spring, rel=1e-5)

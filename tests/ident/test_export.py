@@ -23,7 +23,7 @@ from ident.campaign import Campaign, Record
 from ident.cli import main
 from ident.errors import IdentError
 from ident.export import read, write_files, write_identified
-from ident.identified import Identified, of_parts
+from ident.identified import Identified, of_identification, of_parts
 from ident.identify import identify
 from ident.plant import build_plant
 from symgen.chain import Chain
@@ -266,6 +266,24 @@ def test_one_record_leaves_the_other_drives_as_declared_and_says_so(tmp_path: Pa
     q = found.model.random_postures(100, np.random.default_rng(0))
     J = crba((tmp_path / "identified.urdf").read_text(), found.model.chain, q)
     assert np.abs(J - found.J(q)).max() < ACCURACY * np.abs(J).max()
+
+
+def test_every_number_of_a_drive_is_the_methods_own() -> None:
+    """Held by its motors, the arm is more than two masses: their fit, shown beside the method's own, is far off."""
+    robot = load_robot(ROBOTS / "ypp3")
+    quick = replace(robot, experiment=replace(robot.experiment, f0=0.5, periods=4))
+    campaign = simulate(chain_of_robot(robot), quick, [("joint3", (0.0, 0.0, 0.0))], seed=1, workers=1)
+    found = identify(campaign, method="modal", believe_zeros=True)
+    (drive,) = found.drives
+    made = of_identification(found).drives[2]
+    assert (made.K, made.J_m, made.D, made.D_spring) == (
+        drive.K.value, drive.J_m.value, drive.D.value, drive.D_spring.value
+    )  # fmt: skip
+    assert made.D_spring == pytest.approx(robot.drives[2].D_spring, rel=0.1)
+    apart = found.measurements[0].two_mass
+    assert apart is not None and abs(apart.D_spring / robot.drives[2].D_spring - 1) > 0.3
+    negative = replace(drive, D=replace(drive.D, value=-1e-9))  # within noise of zero: no drive for a robot.toml
+    assert of_identification(replace(found, drives=(negative,))).drives[2].D == 0.0
 
 
 def record_of(joints: int, theta: np.ndarray, tau: np.ndarray, lines: list[int]) -> Record:

@@ -168,7 +168,7 @@ def test_frequencies_are_equation_4():
 
 
 def test_limit_is_the_chi_square_one_when_variances_are_known():
-    assert chi2_limit(600, 1194, 1e9, 1) == pytest.approx(chi2.ppf(0.999, 1194) / 1194, rel=1e-3)
+    assert chi2_limit(1194, 1e9, 1) == pytest.approx(chi2.ppf(0.999, 1194) / 1194, rel=1e-3)
 
 
 def test_limit_is_exceeded_as_often_as_it_says_when_variances_are_estimated():
@@ -177,7 +177,7 @@ def test_limit_is_exceeded_as_often_as_it_says_when_variances_are_estimated():
     noise = rng.chisquare(per_line, (4000, lines + width - 1)) / per_line
     smooth = np.lib.stride_tricks.sliding_window_view(noise, width, axis=1).mean(axis=2)
     statistic = np.sum(signal / smooth, axis=1) / (2 * lines)
-    exceeded = np.mean(statistic > chi2_limit(lines, 2 * lines, per_line * width, width, 0.99))
+    exceeded = np.mean(statistic > chi2_limit(2 * lines, per_line * width, width, 0.99))
     # 1 % of 4000 within five times sqrt(40); the triangular overlap of windows is counted in full, on the safe side
     assert 0.0002 < exceeded < 0.01 + 5 * np.sqrt(40) / 4000
 

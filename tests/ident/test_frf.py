@@ -10,7 +10,7 @@ from synthetic import ENCODER, FS, YPP, Arm, campaign, record
 
 from ident.errors import CampaignError
 from ident.fit import chi2_limit, two_mass_frequencies
-from ident.frf import estimate
+from ident.frf import BINS, ORDER, estimate, moving_average, noise_dof
 
 JOINT = Arm.joint(J_m=4e-5, K=4500, J_l=0.6929, D=3e-5, D_spring=1.1, K_g=-8)
 SOFT = [[0.002, 0.001]]  # holds JOINT with 20 N m/rad joint side, more than its gravity stiffness
@@ -28,7 +28,7 @@ def relative_error(frf, arm):
 def bounds(frf):
     """What honest variances give in 998 of 1000 records."""
     L = np.count_nonzero(frf.usable)
-    return [chi2_limit(L, 2 * L, frf.dof, frf.width, confidence) for confidence in (0.001, 0.999)]
+    return [chi2_limit(2 * L, frf.dof, frf.width, confidence) for confidence in (0.001, 0.999)]
 
 
 def test_without_noise_the_response_is_the_exact_sampled_one():
@@ -191,6 +191,27 @@ def test_a_linear_joint_shows_no_distortion():
         assert detection.distortion(True) == detection.distortion(False) == [0]  # false alarms: 1 in 1000
 
 
+@pytest.mark.parametrize(("spacing", "periods"), [(1, 2), (1, 3), (2, 2), (6, 4), (20, 2)])
+def test_every_bin_between_the_lines_counts_once(spacing, periods):
+    """Against sets of bins: those nearest to each of 50 lines, line bins left out."""
+    at = periods * spacing * np.arange(100, 150)
+    every = np.arange(20 * at[-1])
+    between = every[every % periods != 0]
+    nearest = [between[np.searchsorted(between, k) - BINS // 2 :][:BINS] for k in at]
+    assert noise_dof(50, spacing, periods) == pytest.approx((BINS - ORDER) / BINS * len(np.unique(nearest)))
+    lines = np.arange(1, 240, spacing)
+    made = record(JOINT, 0, gains=SOFT, lines=lines, f0=0.5, periods=periods)
+    frf = estimate(made, campaign(JOINT))
+    assert frf.spacing == spacing and frf.dof == 2 * noise_dof(frf.width, spacing, frf.periods)
+
+
+def covariance(frf):
+    """Of torque and angle at every line [L, 2, 2], by samples of neighbouring ones; the angle's above quantisation."""
+    matrix = moving_average(np.einsum("rla,rlb->lab", frf.noise, frf.noise.conj()) / len(frf.noise), frf.width)
+    matrix[:, 1, 1] = np.maximum(matrix[:, 1, 1].real, frf.floor[0])
+    return matrix
+
+
 def test_covariance_of_torque_and_angle_is_the_real_one():
     distance = []
     for seed in range(8):
@@ -198,7 +219,7 @@ def test_covariance_of_torque_and_angle_is_the_real_one():
         clean = record(JOINT, 0, gains=STIFF, rng=np.random.default_rng(seed), noise=0, step=0)
         clean = estimate(clean, campaign(JOINT))
         error = np.concatenate([frf.tau - clean.tau, frf.theta - clean.theta], axis=1)
-        distance.append(np.einsum("la,lab,lb->l", error.conj(), np.linalg.inv(frf.covariance()), error).real)
+        distance.append(np.einsum("la,lab,lb->l", error.conj(), np.linalg.inv(covariance(frf)), error).real)
     m = frf.dof / 2  # complex Wishart: E d^H C^-1 d = p m / (m - p)
     expected = 2 * m / (m - 2)
     # five times the scatter of the mean: 8 * 600 lines, of which `width` share a covariance
@@ -257,9 +278,11 @@ def broken(field, value):
             lambda r: np.where(np.arange(20000) == 7, np.nan, r.theta[:, 0])[:, None],
             "theta holds a non-finite",
         ),
-        ("lines", lambda r: [1, 3, 6000], r"lines must increase within 1 .. 4999"),
-        ("lines", lambda r: [3, 1], "lines must increase"),
-        ("lines", lambda r: [], "lines must increase"),
+        ("lines", lambda r: [1, 3, 6000], r"lines must be different ones of 1 .. 4999, found 6000"),
+        ("lines", lambda r: [1, 3, 5000], r"found 5000"),
+        ("lines", lambda r: [3, 1, 3], r"found 3"),
+        ("lines", lambda r: [0, 1, 3], r"found 0"),
+        ("lines", lambda r: [], "found none"),
         ("tau", lambda r: r.tau * 0, "line 1 is listed as excited, but joint1 has no torque there"),
     ],
 )
@@ -267,6 +290,14 @@ def test_a_record_that_contradicts_itself_is_refused_in_one_line(field, value, m
     with pytest.raises(CampaignError, match=message) as error:
         estimate(broken(field, value), campaign(JOINT))
     assert "record r0" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_lines_may_be_listed_in_any_order():
+    made = record(JOINT, 0, gains=SOFT, periods=3)
+    mixed = replace(made, lines=np.random.default_rng(0).permutation(made.lines))
+    one, other = (estimate(r, campaign(JOINT)) for r in (made, mixed))
+    np.testing.assert_array_equal(one.frequencies, other.frequencies)
+    np.testing.assert_array_equal(one.G, other.G)
 
 
 def test_frequencies_are_those_of_the_lines():

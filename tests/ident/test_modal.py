@@ -13,9 +13,9 @@ from synthetic import YPP, Arm, campaign, record
 
 from ident.bench import simulate
 from ident.errors import IdentError
-from ident.fit import two_mass
+from ident.fit import PARAMETERS, two_mass
 from ident.frf import estimate
-from ident.modal import modal
+from ident.modal import anti_resonances, modal
 from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 
@@ -76,15 +76,41 @@ def test_it_is_equations_5_and_6_for_all_pairs() -> None:
     assert N2J * (product - 1) == pytest.approx(found.mass.sum(), rel=1e-6)
 
 
+@pytest.mark.parametrize("excited", [2, 1])
 @pytest.mark.parametrize("draws", [8, pytest.param(40, marks=pytest.mark.bench)])
-def test_errors_are_those_that_are_predicted(draws: int) -> None:
-    """Draws of the elbow: errors of J_l over their standard deviation, chance would exceed the limits once in 10^4."""
-    z = []
+def test_errors_are_those_that_are_predicted(excited: int, draws: int) -> None:
+    """Draws of the elbow, all else held, and of the shoulder, all held softly: errors over their standard deviations.
+    Chance would exceed the limits once in 10^4."""
+    names = ["J_m", "K", "J_l", "D", "D_spring"]
+    true = np.array([FREE.J[excited, excited] if name == "J_l" else getattr(FREE, name)[excited] for name in names])
+    use, z = [PARAMETERS.index(name) for name in names], []
     for seed in range(draws):
-        found = modal(*measured(FREE, 2, lines=LINES[::2], seed=100 + seed))
-        z.append((found.J_l - FREE.J[2, 2]) / found.std_inflated[2])
-    assert np.mean(np.square(z)) < chi2.ppf(1 - 1e-4, draws) / draws
-    assert abs(np.mean(z)) < norm.ppf(1 - 5e-5) / np.sqrt(draws)
+        if excited == 2:
+            found = modal(*measured(FREE, 2, lines=LINES[::2], seed=100 + seed))
+        else:
+            gains, rng = np.array([[0.8, 8e-3], [0.4, 4e-3], [0.2, 2e-3]]), np.random.default_rng(seed)
+            whole = campaign(FREE, [record(FREE, 1, lines=LINES[::2], f0=0.25, rms=0.05, gains=gains, rng=rng)])
+            found = modal(estimate(whole.records[0], whole), whole)
+        z.append((found.parameters[use] - true) / found.std_inflated[use])
+    spread = np.mean(np.square(z), axis=0)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], draws) / draws
+    assert np.all((spread > low) & (spread < high)), spread
+    assert np.all(np.abs(np.mean(z, axis=0)) < norm.ppf(1 - 5e-5) / np.sqrt(draws)), np.mean(z, axis=0)
+
+
+@pytest.mark.parametrize(("damping", "K_g"), [(0.01, 0.0), (0.1, 0.0), (0.1, 100.0), (0.01, -20.0)])
+def test_damped_springs_and_gravity_are_told_apart(damping: float, K_g: float) -> None:
+    """One joint. The spring's damping lowers the constant of Z (10 %: by 4 % of K), gravity acts through the spring."""
+    K, J = 4500.0, 0.4
+    arm = Arm.joint(4e-5, K, J, 3e-5, 2 * damping * np.sqrt(K * J), K_g)
+    data = record(arm, 0, lines=LINES, f0=0.25, rms=0.05, noise=1e-3, gains=np.array([[0.01, 1e-3]]))
+    whole = campaign(arm, [data])
+    found = modal(estimate(whole.records[0], whole), whole)
+    assert found.explained, found.status
+    for name, true in (("J_m", 4e-5), ("K", K), ("J_l", J), ("K_g", K_g)):
+        std = found.std[PARAMETERS.index(name)]
+        assert std < 0.01 * K if name == "K_g" else std < 1e-3 * true
+        assert abs(getattr(found, name) - true) < 4 * std, name
 
 
 def test_what_lies_above_the_band_is_told() -> None:
@@ -95,6 +121,20 @@ def test_what_lies_above_the_band_is_told() -> None:
     assert found.J_l < 0.9 * FREE.J[2, 2]
     enough, whole = measured(FREE, 2)
     assert not any("above the band" in line for line in modal(enough, whole, FREE.J).status)
+
+
+def test_welded_joints_are_no_held_motors() -> None:
+    """The elbow alone, in a band above which a held shoulder would put a mode; the other springs are unknown."""
+    alone = Arm(*(x[2:] for x in (FREE.J[:, 2:], FREE.K, FREE.J_m, FREE.D, FREE.D_spring, FREE.K_g[:, 2:], FREE.N)))
+    low = record(alone, 0, lines=LINES[LINES * 0.25 < 65], f0=0.25, rms=0.05)
+    tau, theta = (np.pad(x, ((0, 0), (2, 0))) for x in (low.tau, low.theta))
+    whole = campaign(FREE, [replace(low, excited="joint3", posture=np.zeros(3), tau=tau, theta=theta)])
+    frf = estimate(whole.records[0], whole)
+    f, share = anti_resonances(frf, FREE.J, np.array([np.nan, np.nan, FREE.K[2]]))
+    assert f == pytest.approx([np.sqrt(FREE.K[2] / FREE.J[2, 2]) / (2 * np.pi)]) and share == pytest.approx([1.0])
+    found = modal(frf, whole, FREE.J)
+    assert not any("above the band" in line for line in found.status)
+    assert found.J_l == pytest.approx(FREE.J[2, 2], rel=1e-3)
 
 
 def test_gravity_is_corrected() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from synthetic import FS, Arm, record
 
-from ident import figures, report, verdict
+from ident import figures, report, result_page, verdict
 from ident.campaign import Campaign
 from ident.errors import IdentError
 from ident.identify import identify
@@ -40,7 +40,7 @@ RECORD = {
 HOSTILE = r"""<script>alert("1")</script>'&$x_2$ \1 {{ 7 }} é中"""
 
 
-def measure(cells, *, rigid=True, seed=0, extra=None):
+def measure(cells, *, rigid=True, seed=0, extra=None, lines=None):
     """A campaign of the paper's arm without gravity. `rigid` locks the other links; else only their motors are held."""
     model, rng = model_of_urdf(URDF, JOINTS, believe_zeros=True), np.random.default_rng(seed)
     records = []
@@ -50,7 +50,9 @@ def measure(cells, *, rigid=True, seed=0, extra=None):
         arm = Arm(links, K, J_M, 0.75 * J_M, 0.02 * np.sqrt(K * np.diag(J)), np.zeros((3, 3)), np.full(3, 100.0))
         gains = [SOFT if j == i else LOCK for j in range(3)]
         records.append(
-            record(arm, i, f0=0.5, rms=0.02, gains=gains, rng=rng, id=f"{k + 1:04d}", posture=q, extra=extra)
+            record(
+                arm, i, lines=lines, f0=0.5, rms=0.02, gains=gains, rng=rng, id=f"{k + 1:04d}", posture=q, extra=extra
+            )
         )
     return Campaign(URDF, JOINTS, FS, "zoh", np.full(3, 100.0), J_M, K, np.zeros(3), "made for a test", tuple(records))
 
@@ -136,6 +138,7 @@ def test_what_was_not_measured_is_null_and_named(good):
     partial = replace(
         good,
         alpha=replace(good.alpha, determined=known, unseen=unseen),
+        alpha_all=np.where(known, good.alpha_all, good.model.alpha_cad),
         unseen=unseen,
         drives=good.drives[1:],
         explained=True,
@@ -145,6 +148,10 @@ def test_what_was_not_measured_is_null_and_named(good):
     assert document["K"]["value"][0] is None and document["K"]["std"][0] is None and document["K"]["value"][1] > 0
     assert good.model.names[5] in [entry["what"] for entry in document["not_identifiable"]]
     assert document["inertia_vs_cad"]["sigma_per_entry"][0][0] is None  # J_11 needs that constant
+    assert "held at CAD" in result_page.page(partial, document)
+    elsewhere = replace(partial, alpha_all=good.alpha_all)  # along another direction that was seen: no CAD value
+    assert "held at CAD" not in report.html(elsewhere) and "not determined alone" in report.html(elsewhere)
+    assert "held at CAD" not in result_page.page(elsewhere, report.result_document(elsewhere))
     page = report.html(partial)
     assert (
         "held at CAD: not measured" in page
@@ -216,6 +223,25 @@ def test_held_modes_are_where_the_response_of_the_held_arm_vanishes(bad):
     # undamped: an exact zero but for the rounding of frequencies and the motors' 1e-10 motion
     assert np.all(at < 1e-4 * aside)
     assert verdict.held_modes(bad, bad.measurements[-1]).size == 1
+
+
+def test_a_record_too_short_for_two_masses_does_without_them():
+    """Five lines a record are plenty for all motors at once: a fit that is there to compare must not refuse them."""
+    few = measure([*CELLS[:3], *CELLS[4:]], rigid=False, lines=np.array([9, 25, 61, 105, 165]))
+    result = identify(few)
+    assert all(m.two_mass is None and m.J == pytest.approx(m.J_cad, rel=0.02) for m in result.measurements)
+    document = report.result_document(result)
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+    one = document["records"]["0001"]
+    assert RECORD <= one.keys() and one["two_mass"] is None and one["f_AR"] is None and one["J_l"] > 0
+    silent = replace(few, J_m=np.full(3, np.nan))  # nothing tells the declared drive
+    assert np.isnan(figures.response(result.measurements[0], silent).declared).all()
+    unsure = replace(result.measurements[0], std=0.6 * result.measurements[0].J)
+    told = replace(result, measurements=(unsure, *result.measurements[1:]))
+    assert "J_l of joint3, record 0001" in [entry["what"] for entry in verdict.not_identifiable(told)]
+    assert "Record 0001" in Page(report.html(told)).text
+    with pytest.raises(IdentError, match="5 of 5 excited lines are usable"):
+        identify(few, method="two-mass")
 
 
 def test_distortion_is_found_where_it_acts_and_not_elsewhere(good):
