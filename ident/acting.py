@@ -19,8 +19,9 @@ import numpy as np
 
 from ident.arm_model import Extra, Parameters, stiffness
 from ident.campaign import Array
-from ident.effects.base import Effect, Swing, has_forces, overrides
+from ident.effects.base import Effect, Swing, has_forces
 from ident.effects.motion import Motion
+from ident.effects.structure import Giving
 from ident.effects.sway import of_second_order
 from ident.frf import Complex
 from ident.inverses import inverses
@@ -80,7 +81,8 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str =
     for e in forceful:
         doubts[e.port if e.port in doubts else "link"][scene.arm.live == e.joint] = DOUBT
     on, second = _nothing(wide), None
-    motion, links = _motion(wide, p, linear, on, doubts)
+    mean_tau = mean_torques(wide, p, effects)
+    motion, links = _motion(wide, p, linear, on, doubts, mean_tau, {})
     for _ in range(PASSES if forceful else 1):
         now = signals(wide, effects, motion)
         on = _forces(wide, now, Moved(motion, None))
@@ -88,8 +90,9 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str =
             second = second_order(scene, p, effects, links[inside], motion)
             on["link"][inside] += second
         if forceful:
-            misread = {k: float(error.mean()) for (port, k), error in now.items() if port == "reading"}
-            motion, links = _motion(wide.misread(misread), p, linear, on, doubts)
+            means = {key: float(signal.mean()) for key, signal in now.items()}
+            misread = {k: mean for (port, k), mean in means.items() if port == "reading"}
+            motion, links = _motion(wide.misread(misread), p, linear, on, doubts, mean_tau, means)
     return Moved(motion, second)
 
 
@@ -216,11 +219,34 @@ def _forces(scene: Scene, now: Mapping[tuple[str, int], Array], how: Moved) -> d
     return on
 
 
+def mean_torques(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Array:
+    """The mean torques [n] of the motors as they act, behind what the gains of `effects` are at rest."""
+    arm, mean = known(scene, p), scene.means[0]
+    for effect in effects:
+        gain = effect.torque_gain(np.zeros(1, dtype=complex), arm)
+        mean = mean if gain is None else mean * gain[0].real
+    return mean
+
+
+def carried_by(scene: Scene, mean_tau: Array, means: Mapping[tuple[str, int], float]) -> Array:
+    """The mean torques [n] of the springs under those of the motors and the `means` of forces at ports of live joints (joint side)."""
+    carried = scene.N * mean_tau
+    for (port, k), mean in means.items():
+        carried[scene.arm.live[k]] += mean if port == "motor" else 0.0
+    return carried
+
+
 def _motion(
-    scene: Scene, p: Parameters, linear: Extra, on: Mapping[str, Complex], doubts: Mapping[str, Array]
+    scene: Scene,
+    p: Parameters,
+    linear: Extra,
+    on: Mapping[str, Complex],
+    doubts: Mapping[str, Array],
+    mean_tau: Array,
+    means: Mapping[tuple[str, int], float],
 ) -> tuple[Motion, Complex]:
-    """The motion of all joints and the angles [L, m] of the links, from the measured angles and torques under the forces found so far
-    (joint side)."""
+    """The motion of all joints and the angles [L, m] of the links, from the measured angles and torques under the forces found so far,
+    and their `means` (joint side)."""
     arm, live, s = scene.arm, scene.arm.live, scene.s[:, None]
     N, m = arm.N, len(live)
     theta = scene.theta - on["reading"]
@@ -228,14 +254,14 @@ def _motion(
     tau = scene.acting_torque(linear.torque_gain)
     x, K = theta / N, p.K[live] + s * p.D_spring[live]
     rotor = s**2 * (N**2 * p.J_m[live]) + s * (N**2 * p.D[live])
-    by_motor = N * tau + on["motor"] - rotor * x
+    by_motor = N * tau + on["motor"] - rotor * x  # but for the `pull` of links on motors
     by_spring = K * x + on["spring"]
     hung = stiffness(arm, p, scene.s, linear.impedance)[3]  # of links on their springs
     links = hung - _diagonal(K)
-    by_link = on["link"]
+    by_link, pull = on["link"], np.zeros_like(hung)
     if linear.impedance is not None:
-        to_motors, to_links = linear.impedance[:, :m], linear.impedance[:, m:]
-        by_motor = by_motor - (to_motors[:, :, :m] @ x[..., None])[..., 0]  # of links on motors: nothing is that strong
+        to_motors, to_links, pull = linear.impedance[:, :m], linear.impedance[:, m:], linear.impedance[:, :m, m:]
+        by_motor = by_motor - (to_motors[:, :, :m] @ x[..., None])[..., 0]
         by_link = by_link - (to_links[:, :, :m] @ x[..., None])[..., 0]
 
     tau_error, theta_error = scene.noise
@@ -248,39 +274,42 @@ def _motion(
     a, b, c = (1.0 / (error + doubts[port] * (torque + np.abs(on[port]))) ** 2 for port, error in errors.items())
     total = a + b + c
     rows = [  # of q, two equations of the springs' torque each
-        (np.sqrt(a * b / total), _diagonal(K), by_spring - by_motor),
-        (np.sqrt(a * c / total), links, by_motor + by_link),
+        (np.sqrt(a * b / total), _diagonal(K) - pull, by_spring - by_motor),
+        (np.sqrt(a * c / total), links + pull, by_motor + by_link),
         (np.sqrt(b * c / total), hung, by_spring + by_link),
     ]
     A = np.concatenate([w[..., None] * row for w, row, _ in rows], axis=1)
     right = np.concatenate([w * value for w, _, value in rows], axis=1)[..., None]
     adjoint = np.swapaxes(A.conj(), 1, 2)
     q = np.asarray((inverses(adjoint @ A) @ (adjoint @ right))[..., 0], dtype=complex)
+    by_motor = by_motor - (pull @ q[..., None])[..., 0]
     by_links = (links @ q[..., None])[..., 0] - by_link
     spring = np.asarray((a * by_motor + b * (by_spring - K * q) + c * by_links) / total, dtype=complex)
 
-    return motion_of(scene, p, theta, tau, q, spring, scene.N * scene.means[0], np.zeros(scene.n)), q
+    carried = carried_by(scene, mean_tau, means)
+    return motion_of(scene, p, theta, (mean_tau, tau), q, spring, carried, np.zeros(scene.n)), q
 
 
 def motion_of(
     scene: Scene,
     p: Parameters,
     theta: Complex,
-    tau: Complex,
+    tau: tuple[Array, Complex],
     q: Complex,
     spring: Complex,
     carried: Array,
     besides: Array,
 ) -> Motion:
-    """The motion of all joints, of what the live ones do at the lines [L, m]: motor angles, torques, links, springs' torques.
+    """The motion of all joints, of what the live ones do at the lines [L, m]: motor angles, torques and their means [n], links, springs'
+    torques.
 
     Springs carry `carried` [n, N m] on the mean, `besides` [n] of it not by K; clamped joints are told at rest.
     """
     s, x = scene.s[:, None], theta / scene.arm.N
-    mean_tau, mean_theta = scene.means
+    mean_theta = scene.means[1]
     twist, still = (carried - besides) / p.K, np.zeros(scene.n)
     signals = {
-        "theta": (mean_theta, theta), "omega": (still, s * theta), "tau": (mean_tau, tau),
+        "theta": (mean_theta, theta), "omega": (still, s * theta), "tau": tau,
         "q": (mean_theta / scene.N - twist, q), "q_rate": (still, s * q),
         "deflection": (twist, x - q), "deflection_rate": (still, s * (x - q)), "spring": (carried, spring),
     }  # fmt: skip
@@ -316,13 +345,13 @@ def second_order(scene: Scene, p: Parameters, effects: Sequence[Effect], links: 
     q, v, a = (scene.in_time(scene.s[:, None] ** order * links) for order in range(3))
     q = q + _aside(scene, effects, motion)
     force = scene.at_lines(of_second_order(dJ, dK, q, v, a))
-    giving = [e for e in effects if overrides(e, "second_order")]
+    giving = [e for e in effects if isinstance(e, Giving)]
     if giving:
         whole = np.zeros((3, len(q), scene.n))
         whole[:, :, live] = q, v, a
         swing = Swing(whole[0], whole[1], whole[2], scene.at_lines, scene.in_time)
-        back = [e.second_order(scene.s, known(scene, p), swing) for e in giving]
-        force += sum(more[:, live] for more in back if more is not None)
+        back = giving[-1].second_order(scene.s, known(scene, p, giving[:-1]), swing)
+        force += 0.0 if back is None else back[:, live]
     return force
 
 

@@ -19,6 +19,7 @@ from ident.acting import Moved, Slid, acting, differences, linear_part, moved
 from ident.arm_model import DRIVES, Extra, Parameters, by_impedance, motion_and_derivatives, transfer
 from ident.campaign import Array
 from ident.effects.base import Effect, Known, has_forces, only_forces, only_gains, only_impedance, only_shares
+from ident.effects.structure import Giving, all_that_gives
 from ident.evidence import Evidence
 from ident.frf import Complex
 from ident.scene import Scene, in_record, known, linear_extra
@@ -186,13 +187,14 @@ def residual(
     columns, more = [scene.arm.columns(problem.n)], [slopes]
     if not effects:
         return r, slopes, columns[0]
-    arm, s, theta = known(scene, p), scene.s[use], scene.theta[use] - r
+    arms = [known(scene, p, (*effects[:place], *effects[place + 1 :])) for place in range(len(effects))]
+    s, theta = scene.s[use], scene.theta[use] - r
     on_motor, on_link = transfer(scene.arm, p, s, extra)
-    for effect in effects:
+    for effect, arm in zip(effects, arms, strict=True):
         if effect.impedance_of and effect.joint in scene.arm.live:
-            slopes -= _by_impedance(scene, p, effect, theta, extra, use)
+            slopes -= _by_impedance(scene, p, effect, arm, theta, extra, use)
     k = problem.base
-    for place, effect in enumerate(effects):
+    for place, (effect, arm) in enumerate(zip(effects, arms, strict=True)):
         nudged = _nudged(problem, effect, k)
         k += len(effect.values)
         if not nudged:
@@ -262,18 +264,24 @@ def _by_gains(
 
 
 def _impedances(scene: Scene, s: Complex, cases: Sequence[tuple[Effect, Known]]) -> Complex:
-    """What an effect adds to the dynamic stiffness of the live joints of an arm, case by case, at s [L]: [k, L, 2m, 2m]."""
+    """What an effect adds to the dynamic stiffness of the live joints of an arm, case by case, at s [L]: [k, L, 2m, 2m]; with what gives
+    beside it, which is the same in all cases, if there is any."""
     nothing = np.zeros((len(s), 2 * scene.n, 2 * scene.n), dtype=complex)
-    every = [effect.impedance(s, arm) for effect, arm in cases]
+    every = [
+        all_that_gives(s, arm, (*arm.beside, effect))
+        if arm.beside and isinstance(effect, Giving)
+        else effect.impedance(s, arm)
+        for effect, arm in cases
+    ]
     return np.array([scene.of_live(nothing if Z is None else Z) for Z in every])
 
 
 def _by_impedance(
-    scene: Scene, p: Parameters, effect: Effect, theta: Complex, extra: Extra, use: NDArray[np.bool_]
+    scene: Scene, p: Parameters, effect: Effect, now: Known, theta: Complex, extra: Extra, use: NDArray[np.bool_]
 ) -> Complex:
-    """How the angles `theta` [L, m] at the lines in `use` follow the arm's parameters [C] through the impedance of `effect`,
-    under `extra` at these lines [L, m, C]."""
-    arm, now, s, i = scene.arm, known(scene, p), scene.s[use], effect.joint
+    """How the angles `theta` [L, m] at the lines in `use` follow the arm's parameters [C] through the impedance of `effect`, and of
+    what gives beside it, by what it is told of `now`; under `extra` at these lines [L, m, C]."""
+    arm, s, i = scene.arm, scene.s[use], effect.joint
     assert i is not None
     m, (here,) = len(arm.live), np.flatnonzero(arm.live == i)
     weights = np.zeros((m, len(arm.columns(scene.n))))  # of what the impedance depends on, by the parameters
@@ -287,7 +295,7 @@ def _by_impedance(
         step = IMPEDANCE_NUDGE * float(now.J[i, i])
         for k, j in enumerate(arm.live.tolist()):
             J = now.J.copy()
-            J[i, j] = J[j, i] = J[i, j] + step
+            J[i, j] += step  # of the row that this effect is told by; another one beside it has its own
             changed.append(replace(now, J=J))
             weights[k, 4 * m : 4 * m + arm.J_rows.shape[2]] = arm.J_rows[here, k]
     Z = _impedances(scene, s, [(effect, one) for one in (now, *changed)])

@@ -15,6 +15,7 @@ from ident.effects.motion import CREEP
 from ident.errors import IdentError
 from ident.frf import Complex
 from ident.periods import spectrum
+from ident.scene import linear_extra
 from ident.trace import Linearised
 from symgen.forked import forked
 
@@ -104,8 +105,7 @@ def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
             if error is not None:
                 total = total + ports["sensor", int(effect.joint or 0)] * scene.at_lines(error)[:, None]
         total = total + _linear(lin, effect, at)
-        shares = effect.shares(one.index)
-        for name, share in shares.items():
+        for name, share in effect.shares(one.index).items():
             column = DRIVES.index(name) * scene.n + int(effect.joint or 0)
             place = np.flatnonzero(lin.columns[at] == column)
             if place.size:
@@ -133,10 +133,16 @@ def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
         moved_by = pushes["motor"] @ (force[:, :m] / scene.arm.N[:, None]) + pushes["link"] @ force[:, m:]
         total = total + moved_by[..., 0]
     if kind.torque_gain is not Effect.torque_gain and (gain := effect.torque_gain(s, arm)) is not None:
-        total = total + (pushes["motor"] @ ((gain[:, live] - 1.0) * scene.tau)[..., None])[..., 0]
+        total = total + (pushes["motor"] @ ((gain[:, live] - 1.0) * acting_torque(lin, at))[..., None])[..., 0]
     if kind.angle_gain is not Effect.angle_gain and (gain := effect.angle_gain(s, arm)) is not None:
         total = total + (pushes["sensor"] @ ((gain[:, live] - 1.0) * scene.theta)[..., None])[..., 0]
     return total
+
+
+def acting_torque(lin: Linearised, at: int) -> Complex:
+    """The motors' torques in record `at` [L, m] as they act: behind the gains that the fit has already, and held."""
+    scene, effects = lin.scenes[at], lin.problem.effects_at(lin.vector)
+    return scene.acting_torque(linear_extra(scene, lin.arms[at][0], effects).torque_gain)
 
 
 def catalogue(
@@ -183,8 +189,7 @@ def nearer(lin: Linearised, best: Candidate) -> Candidate:
     if not only_impedance(best.effect) or not shapes:
         return best
     unit = units(lin, kind, joint)
-    steps: Sequence[float] = FAR
-    before = 0.0
+    steps, before = FAR, 0.0
     while best.gain > before:
         before = best.gain
         for k in shapes:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.acting import motion_of
+from ident.acting import carried_by, mean_torques, motion_of
 from ident.arm_model import Parameters, Sampling, hold_gain, response, stiffness, transfer
 from ident.campaign import Array
 from ident.effects.base import Effect
@@ -50,7 +50,8 @@ class LikelyMotion:
     """The motion of all m live joints at all L lines as a function of the forces on them.
 
     `alone` [L, m] are the measured angles as the model predicts them without forces; `on_motor`, `on_link` [L, m, m] what these add;
-    `carried` links by motors, `yielding` links by forces on them; `gain` of the readings, `tau` the torques that act.
+    `carried` links by motors, `yielding` links by forces on them; `gain` of the readings, `tau` the torques that act, `mean_tau` [n] those
+    of all motors on the mean.
     `inside` [L] the band; `certainty` [L, m, m] the inverse covariance of measured minus predicted angles, `trust` the part of
     these that belongs to the motion.
     """
@@ -63,6 +64,7 @@ class LikelyMotion:
     yielding: Complex
     alone: Complex
     tau: Complex
+    mean_tau: Array
     gain: Complex | None
     second: Complex
     inside: NDArray[np.bool_]
@@ -85,11 +87,11 @@ class LikelyMotion:
         certainty = inverses(of_model + np.diag(powers.angle.max(axis=0)))
         inside = np.isin(wide.lines, scene.lines)
         rigid = np.zeros_like(wide.theta)
-        tau = wide.acting_torque(linear.torque_gain)
+        tau, mean_tau = wide.acting_torque(linear.torque_gain), mean_torques(wide, p, effects)
         rigid[inside] = 0.0 if second is None else second
         return LikelyMotion(
-            wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), tau, linear.angle_gain, rigid,
-            inside, certainty, of_model @ certainty, tuple(effects),
+            wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), tau, mean_tau,
+            linear.angle_gain, rigid, inside, certainty, of_model @ certainty, tuple(effects),
         )  # fmt: skip
 
     def predicted(self, on: Forces) -> tuple[Complex, Complex, Complex]:
@@ -106,17 +108,23 @@ class LikelyMotion:
 
     def misfit(self, on: Forces) -> float:
         """chi^2 of the measured angles in the band, under forces `on`."""
-        error = (self.scene.theta - self.predicted(on)[0])[self.inside]
-        return 2.0 * float(np.einsum("li,lij,lj->", error.conj(), self.certainty[self.inside], error).real)
+        return self.felt(self.scene.theta - self.predicted(on)[0])
+
+    def felt(self, moves: Complex) -> float:
+        """chi^2 of what moves the angles by `moves` [L, m], in the band."""
+        inside = moves[self.inside]
+        return 2.0 * float(np.einsum("li,lij,lj->", inside.conj(), self.certainty[self.inside], inside).real)
+
+    def changed(self, before: Forces, on: Forces) -> float:
+        """chi^2 of what moves the angles in the band from under forces `before` to under others."""
+        return self.felt(self.predicted(on)[0] - self.predicted(before)[0])
 
     def with_second(self, second: Complex) -> tuple[LikelyMotion, float]:
         """The same with other rigid-body forces of second order at the lines of the band [L, m], and chi^2 of what these move the angles
         by beyond those before."""
         rigid = np.zeros_like(self.second)
         rigid[self.inside] = second
-        moves = _times(self.on_link, rigid - self.second)[self.inside]
-        felt = np.einsum("li,lij,lj->", moves.conj(), self.certainty[self.inside], moves).real
-        return replace(self, second=rigid), 2.0 * float(felt)
+        return replace(self, second=rigid), self.felt(_times(self.on_link, rigid - self.second))
 
     @property
     def degrees(self) -> int:
@@ -167,19 +175,22 @@ class LikelyMotion:
         theta = theta if self.gain is None else theta / self.gain
         return theta, _times(self.carried, theta / self.scene.arm.N) + _times(self.yielding, link)
 
+    def loads(self, on: Forces) -> Array:
+        """The mean torques [n] of all springs under forces."""
+        return carried_by(self.scene, self.mean_tau, {key: force.mean for key, force in on.items()})
+
     def moving(self, on: Forces) -> Motion:
         """How all joints move under forces."""
         scene, p, live, s = self.scene, self.p, self.scene.arm.live, self.scene.s[:, None]
         theta, q = self.likely(on)
         spring = (p.K[live] + s * p.D_spring[live]) * (theta / scene.arm.N - q)
-        carried, besides = scene.N * scene.means[0], np.zeros(scene.n)
+        besides = np.zeros(scene.n)
         for (port, k), force in on.items():
             if port == "spring":
                 spring[:, k] += force.lines
-            carried[live[k]] += force.mean if port == "motor" else 0.0
             besides[live[k]] += force.mean if port == "spring" else 0.0
         scene = scene.misread({k: force.mean for (port, k), force in on.items() if port == "reading"})
-        return motion_of(scene, p, theta, self.tau, q, spring, carried, besides)
+        return motion_of(scene, p, theta, (self.mean_tau, self.tau), q, spring, self.loads(on), besides)
 
 
 def _times(matrix: Complex, vector: Complex) -> Complex:

@@ -13,6 +13,7 @@ from ident.arm_model import Extra, Parameters, Posture, hold_gain
 from ident.campaign import Array
 from ident.effects.base import Effect, Known
 from ident.effects.motion import CREEP
+from ident.effects.structure import Giving, all_that_gives
 from ident.excitation import synthesise
 from ident.frf import Complex
 from ident.strays import strays
@@ -133,13 +134,12 @@ class Scene:
         return np.asarray(np.fft.rfft(signal, axis=0)[self.lines] * (2.0 / len(signal)))
 
 
-def known(scene: Scene, p: Parameters) -> Known:
-    """The arm as effects know it: J of the live joints, zero rows for the others."""
+def known(scene: Scene, p: Parameters, beside: Sequence[Effect] = ()) -> Known:
+    """The arm as effects know it: J of the live joints, zero rows for the others, and what gives of those that are `beside`."""
     J = np.zeros((scene.n, scene.n))
     J[np.ix_(scene.arm.live, scene.arm.live)] = scene.arm.J(p)
-    return Known(
-        scene.N, p.K, p.J_m, p.D, p.D_spring, J, scene.posture, scene.fs, chain=scene.chain, gravity=scene.gravity
-    )
+    giving = tuple(e for e in beside if isinstance(e, Giving))
+    return Known(scene.N, p.K, J, scene.posture, scene.chain, scene.gravity, giving)
 
 
 def in_record(p: Parameters, effects: Sequence[Effect], record: int) -> Parameters:
@@ -158,7 +158,12 @@ def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extr
     """Impedances and gains of `effects` at the lines."""
     live, s = scene.arm.live, scene.s
     arm = known(scene, p)
-    impedances = [scene.of_live(Z) for e in effects if (Z := e.impedance(s, arm)) is not None]
+    giving = [e for e in effects if isinstance(e, Giving)]
+    alone = effects if len(giving) < 2 else [e for e in effects if not isinstance(e, Giving)]
+    added = [e.impedance(s, arm) for e in alone]
+    if len(giving) > 1:
+        added.append(all_that_gives(s, arm, giving))
+    impedances = [scene.of_live(Z) for Z in added if Z is not None]
     torque = [g[:, live] for e in effects if (g := e.torque_gain(s, arm)) is not None]
     angle = [g[:, live] for e in effects if (g := e.angle_gain(s, arm)) is not None]
     return Extra(

@@ -8,7 +8,7 @@ which changes the motion that it is of, is found with it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
 import numpy as np
@@ -22,13 +22,14 @@ from ident.frf import Complex
 from ident.likely_motion import Force, Forces, Key, LikelyMotion
 from ident.marching import marched
 from ident.scene import Scene
-from ident.sliding import EVERYWHERE, TURNS, Where, balanced, closer, in_turns, settled, told_by
+from ident.sliding import EVERYWHERE, MEMORY, RIDGE, TURNS, Where, balanced, closer, in_turns, settled, told_by
 from ident.whitening import Powers
 
-#: Times all forces are found from the motion under all the others.
-SWEEPS = 3
-#: They agree when they change by less than this share.
-SAME = 1e-4
+#: Times all forces are found from the motion under all the others, and most of them where these load each other.
+SWEEPS, MOST_SWEEPS = 3, 30
+#: They agree when they change by less than this share, or nearly when the angles do so, by chi^2, by less than that share of the misfit;
+#: they never will when this is so many times the least, or has not been less so many times in a row.
+SAME, NEARLY, AWAY, IN_VAIN = 1e-4, 0.1, 10.0, 8
 #: Steps towards a force that follows from a position, the change that ends them; resistances [of the median one of the port] that
 #: damp turns to dry friction, tried by turns; behind a spring this share of them.
 STEPS, SETTLED, DAMPED, BEHIND = 20, 1e-4, (0.5, 2.0, 0.125), 0.25
@@ -71,34 +72,14 @@ def _smoothed(
     arm = LikelyMotion.of(scene, p, effects, start.second, sampling, powers)
     on = {key: Force.of(arm.scene, x) for key, x in signals(arm.scene, effects, start.motion).items()}
     best, least = on, arm.misfit(on)
-    rubbing: set[Key] = set()
-    springy: set[Key] = set()
-    for sweep in range(SWEEPS):
-        before = on
-        for key, now in before.items():
-            motion = arm.moving(on)
-            here = [
-                e
-                for e in effects
-                if isinstance(e, PeriodicLaw) and (e.port, e.joint) == (key[0], scene.arm.live[key[1]])
-            ]
-            springs = [law for law in here if not law.linear]
-            rubs = any(law.dry for law in here)
-            dry = [law for law in springs if law.dry or law.drags] if rubs else []
-            springs = [] if rubs else springs
-            others = [e for e in effects if e not in dry and e not in springs]
-            on = on | {key: _of(signals(arm.scene, others, motion), key, arm.scene)}
-            if dry:
-                rubbing.add(key)
-                force, slid[key] = _sliding(arm, key, dry, motion, on, now, turns, slid.get(key))
-                on = on | {key: on[key].plus(force)}
-            elif springs:
-                springy.add(key)
-                force, found = _yielding(arm, key, springs, motion, on, turns, slid.get(key), sweep == 0)
-                on = on | {key: on[key].plus(force)}
-                if found is not None:
-                    slid[key] = found
+    laws = {key: _laws(effects, key[0], int(scene.arm.live[key[1]])) for key in on}
+    rubbing, springy = ([key for key, at in laws.items() if at[kind]] for kind in (0, 1))
+    mixture, vain, most = Mixture(), 0, MOST_SWEEPS if len(on) > 1 and turns >= TURNS else SWEEPS
+    for sweep in range(most):
+        before, on = on, _swept(arm, effects, laws, on, slid, turns, sweep == 0)
         misfit = arm.misfit(on)
+        vain = 0 if misfit < least else vain + 1
+        hopeless = not misfit < AWAY * least or vain == IN_VAIN
         if misfit < least:
             best, least = on, misfit
         agree = all(now.near(on[key], SAME) for key, now in before.items()) or (bool(rubbing) and len(on) == 1)
@@ -107,8 +88,9 @@ def _smoothed(
             arm, felt = arm.with_second(second_order(scene, p, effects, links, arm.moving(best)))
             least = arm.misfit(best)
             agree = agree and (felt < MOVED or turns < TURNS)
-        if agree:
+        if agree or (sweep + 1 >= SWEEPS and (hopeless or arm.changed(before, on) < NEARLY * misfit)):
             break
+        on = mixture.leads(before, on) if most > SWEEPS else on
     motion = arm.moving(best)
     return replace(
         start, motion=motion, second=None if start.second is None else arm.second[arm.inside],
@@ -119,8 +101,73 @@ def _smoothed(
     )  # fmt: skip
 
 
-def _of(found: Mapping[Key, Array], key: Key, scene: Scene) -> Force:
-    return Force.of(scene, found.get(key, np.zeros(scene.samples)))
+#: At a port: laws that are dry, or drag beside these, and else others that are no impedances.
+Laws = tuple[list[PeriodicLaw], list[PeriodicLaw]]
+
+
+def _laws(effects: Sequence[Effect], port: str, joint: int) -> Laws:
+    here = [e for e in effects if isinstance(e, PeriodicLaw) and (e.port, e.joint) == (port, joint)]
+    springs = [law for law in here if not law.linear]
+    if any(law.dry for law in here):
+        return [law for law in springs if law.dry or law.drags], []
+    return [], springs
+
+
+def _swept(
+    arm: LikelyMotion,
+    effects: Sequence[Effect],
+    laws: Mapping[Key, Laws],
+    on: Forces,
+    slid: dict[Key, Slid],
+    turns: int,
+    march: bool,
+) -> Forces:
+    """The forces found at one port after the other, each of the motion under those found last; `slid` is told, too."""
+    for key, now in on.items():
+        motion, (dry, springs) = arm.moving(on), laws[key]
+        others = [e for e in effects if e not in dry and e not in springs]
+        beside = signals(arm.scene, others, motion).get(key, np.zeros(arm.scene.samples))
+        on = on | {key: Force.of(arm.scene, beside)}
+        if dry:
+            force, slid[key] = _sliding(arm, key, dry, motion, on, now, turns, slid.get(key))
+            on = on | {key: on[key].plus(force)}
+        elif springs:
+            force, found = _yielding(arm, key, springs, motion, on, turns, slid.get(key), march)
+            on = on | {key: on[key].plus(force)}
+            if found is not None:
+                slid[key] = found
+    return on
+
+
+@dataclass
+class Mixture:
+    """Forces of sweeps, each from where those before, mixed, seem to lead (D. G. Anderson, J. ACM 12 (1965), DOI 10.1145/321296.321305):
+    at two ports of a joint each may answer the other by more than it was, and sweeps alone would lead away."""
+
+    sizes: list[float] = field(default_factory=list)
+    swept: list[tuple[Array, Array]] = field(default_factory=list)
+
+    def leads(self, before: Forces, found: Forces) -> Forces:
+        """Where the forces lead of which the last sweep made `found`, from those `before`."""
+        if not self.sizes:
+            self.sizes = [float(np.abs([before[key].lines, found[key].lines]).max()) or 1.0 for key in found]
+        start, end = self._row(before), self._row(found)
+        self.swept = [*self.swept[-MEMORY:], (end - start, end)]
+        changes, ends = (np.diff(rows, axis=0) for rows in zip(*self.swept, strict=True))
+        products = changes @ changes.T
+        if not len(products) or not np.isfinite(products).all():
+            return found
+        lifted = products + RIDGE * np.diag(np.diag(products))
+        mixed = end - np.linalg.lstsq(lifted, changes @ (end - start), rcond=None)[0] @ ends
+        parts = zip(found, self.sizes, np.split(mixed, len(found)), strict=True)
+        return {
+            key: Force(np.array(part[:-1] * size).view(complex), float(part[-1] * size)) for key, size, part in parts
+        }
+
+    def _row(self, on: Forces) -> Array:
+        """The forces as numbers in a row, each by its size."""
+        rows = zip(on.values(), self.sizes, strict=True)
+        return np.concatenate([np.append(np.array(x.lines).view(float), x.mean) / size for x, size in rows])
 
 
 def _sliding(
@@ -225,7 +272,7 @@ def _yielding(
     N = float(scene.arm.N[k]) if name == "motor" else 1.0
     state = motion.state(joint)
     v0, Y = arm.rate(key, on)
-    load = float(scene.N[joint] * scene.means[0, joint]) - on[key].mean
+    load = float(arm.loads(on)[joint]) - on[key].mean
     port = Port(scene, v0 / scene.s, Y / scene.s, float(arm.p.K[joint]) if name == "spring" else 0.0, load)
 
     def force(x: Array, v: Array) -> Array:

@@ -80,7 +80,7 @@ class Linearised:
         """The arm as it is in each record, and as effects know it there."""
         effects, p = self.problem.effects_at(self.vector), self.problem.parameters(self.vector)
         here = [in_record(p, effects, one.index) for one in self.problem.data]
-        return tuple((p, known(scene, p)) for scene, p in zip(self.scenes, here, strict=True))
+        return tuple((p, known(scene, p, effects)) for scene, p in zip(self.scenes, here, strict=True))
 
     @cached_property
     def chi2(self) -> float:

@@ -69,22 +69,18 @@ def scale(relative: str, scales: Mapping[str, float]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known of the arm where an effect is put: n joints, `N`, `K`, `J_m`, `D`, `D_spring` [n], J [n, n] at the record's
-    `posture` [n], and `fs` [Hz]; rows of J of joints that are clamped, motor and link, are zero. `base_inertia` [6, n + 6]: rows of the six base motions (shifts along, turns about x, y, z
-    of the base), columns (coupling to q, base itself). `chain` the declared links: where the structure of the arm gives,
-    geometry says who feels it; without it such an effect is felt by its own joint only. `gravity` [3, m/s2, base axes]."""
+    """What is known of the arm where an effect is put: n joints, `N`, `K` [n], J [n, n] at the record's `posture` [n]; rows of J of joints
+    that are clamped, motor and link, are zero. `chain` the declared links: where the structure of the arm gives, geometry says who feels
+    it; without it such an effect is felt by its own joint only. `gravity` [3, m/s2, base axes]. `beside` are other effects that give
+    there."""
 
     N: Array
     K: Array
-    J_m: Array
-    D: Array
-    D_spring: Array
     J: Array
     posture: Array
-    fs: float
-    base_inertia: Array | None = None
     chain: Chain | None = None
     gravity: Array | None = None
+    beside: tuple[Effect, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +182,8 @@ class Effect(ABC):
                 raise IdentError(
                     f"effect {cls.name}: {name} = {value:g}; expected {low:g} to {high:g} {p.unit}".rstrip()
                 )
+            if p.relative and p.zero is None and p.low > 0 and not value > 0.0:  # a share of what is positive
+                raise IdentError(f"effect {cls.name}: {name} = {value:g}; expected more than 0 {p.unit}".rstrip())
             if p.whole and value != round(value):
                 raise IdentError(f"effect {cls.name}: {name} = {value:g}; expected a whole number")
         return cls(joint, tuple(float(given.get(p.name, p.sizes[0])) for p in cls.parameters))

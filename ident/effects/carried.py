@@ -11,7 +11,8 @@ from typing import ClassVar, cast
 
 import numpy as np
 
-from ident.effects.base import Array, Complex, Effect, Known, Parameter, Swing
+from ident.effects.base import Array, Complex, Effect, Known, Parameter
+from ident.effects.structure import Giving
 from symgen.chain import Chain
 
 #: Standard deviations by which declared links may be off: of a mass (and all that goes with it), of a centre of mass and of moments
@@ -32,12 +33,10 @@ class Carrying(Effect):
     recent: ClassVar[dict[tuple[float, ...], tuple[Chain, Chain]]]
 
     def impedance(self, s: Complex, arm: Known) -> Complex | None:
-        return super().impedance(s, self._as_found(arm))
+        """What gives asks for the links itself: what is beside it carries others."""
+        return super().impedance(s, arm if isinstance(self, Giving) else self.carried(arm))
 
-    def second_order(self, s: Complex, arm: Known, swing: Swing) -> Complex | None:
-        return super().second_order(s, self._as_found(arm), swing)
-
-    def _as_found(self, arm: Known) -> Known:
+    def carried(self, arm: Known) -> Known:
         if arm.chain is None:
             return arm
         off = self.values[-self.directions.shape[1] :]

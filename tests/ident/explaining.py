@@ -57,7 +57,7 @@ def judge(
                 product = product * factor[:, list(live)]
         return product
 
-    fs, s = known.fs, 2j * np.pi * lines * record.f0
+    fs, s = record.f0 * S, 2j * np.pi * lines * record.f0
     motors = linear.N
 
     def held(with_it: bool) -> np.ndarray:
@@ -86,7 +86,7 @@ def judge(
         # both rows know of the links: together they are well posed at resonance and anti-resonance
         A, rhs = Z[:, :, m:], free_push + push - np.einsum("lij,lj->li", Z[:, :, :m], true)
         links = np.linalg.solve(A.conj().swapaxes(1, 2) @ A, A.conj().swapaxes(1, 2) @ rhs[..., None])[..., 0]
-        motion = _motion(record, known, list(live), true * motors, links, s, T, mean, wound)
+        motion = _motion(record, known, linear, list(live), true * motors, links, s, T, mean, wound)
         wound = load / known.K
         push = np.zeros((top, 2 * m), dtype=complex)
         reading, mean = np.zeros_like(Theta), read.copy()
@@ -112,7 +112,7 @@ def judge(
     )
 
 
-def _motion(record, known, live, theta, q, s, T, mean, bend):
+def _motion(record, known, linear, live, theta, q, s, T, mean, bend):
     n, S = len(known.N), record.samples_per_period * FINER
     columns = {}
 
@@ -133,5 +133,5 @@ def _motion(record, known, live, theta, q, s, T, mean, bend):
     signal("q_rate", sc * q, np.zeros(n))
     signal("deflection", x, bend)
     signal("deflection_rate", sc * x, np.zeros(n))
-    signal("spring", (known.K[live] + sc * known.D_spring[live]) * x, known.K * bend)
+    signal("spring", (known.K[live] - sc * linear.D[: len(live), len(live) :].diagonal()) * x, known.K * bend)
     return Motion(1 / (record.f0 * S), known.N, known.K, lambda name, joint: columns[name][:, joint])

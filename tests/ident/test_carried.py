@@ -16,7 +16,7 @@ from ident.diagnose import Begun, begin
 from ident.effects.base import Effect, Known
 from ident.effects.carried import Carrying, carrying, of_declared_links, shown
 from ident.effects.friction import LinkViscous
-from ident.effects.structure import BaseCompliance, LinkFlexibility
+from ident.effects.structure import BaseCompliance, LinkFlexibility, all_that_gives
 from ident.frf import estimate
 from ident.minima import _carrying, links_anew
 from ident.refits import Refit, excess, fitted, on_declared_links
@@ -35,9 +35,9 @@ CELLS = [("joint1", [0, 0.7, 0.5]), ("joint2", [0, 0.6, 0.9]), ("joint2", [0, -0
 
 def arm(chain: Chain, q: tuple[float, ...]) -> Known:
     drives = [ROBOT.drive(name) for name in chain.names]
-    N, K, J_m, D, D_spring = (np.array([getattr(d, f) for d in drives]) for f in ("N", "K", "J_m", "D", "D_spring"))
+    N, K = (np.array([getattr(d, f) for d in drives]) for f in ("N", "K"))
     J = make_model(chain, believe_zeros=True).J_cad(np.array([q]))[0]
-    return Known(N, K, J_m, D, D_spring, J, np.array(q), 1000.0, chain=chain, gravity=np.asarray(ROBOT.gravity))
+    return Known(N, K, J, np.array(q), chain, np.asarray(ROBOT.gravity))
 
 
 def heavier(chain: Chain, shares: tuple[float, ...], longer: tuple[float, ...]) -> Chain:
@@ -61,6 +61,22 @@ def test_it_carries_the_links_that_it_says(effect: Effect) -> None:
     other = replace(here, chain=chain.with_parameters(chain.parameters + directions @ [1.0, -2.0]))
     np.testing.assert_array_equal(off.impedance(S, here), effect.impedance(S, other))
     assert (off.name, off.joint, off.port, off["damping"]) == (effect.name, effect.joint, effect.port, 2e-4)
+
+
+@pytest.mark.parametrize(("off", "plain"), [(BASE, BENT), (BENT, BASE)])
+def test_beside_another_it_carries_the_links_that_it_says(off: Effect, plain: Effect) -> None:
+    """What both carry, too; the other one by itself carries those that were declared."""
+    chain = chain_of_robot(ROBOT)
+    here = arm(chain, (0.0, 0.4, 0.9))
+    directions = 0.1 * np.random.default_rng(2).normal(size=(30, 2)) * chain.parameters[:, None]
+    off, also = (carrying(e, directions).with_values((*e.values, 1.0, -2.0)) for e in (off, plain))
+    other = replace(here, chain=chain.with_parameters(chain.parameters + directions @ [1.0, -2.0]))
+    both, of_other = all_that_gives(S, here, (off, also)), all_that_gives(S, other, (BASE, BENT))
+    np.testing.assert_allclose(both, of_other, rtol=0.0, atol=1e-12 * np.abs(of_other).max())
+    added = off.impedance(S, replace(here, beside=(plain,)))
+    total = all_that_gives(S, here, (plain, off))
+    np.testing.assert_allclose(added, total - plain.impedance(S, here), rtol=0.0, atol=1e-12 * np.abs(total).max())
+    assert np.abs(total - of_other).max() > 1e-3 * np.abs(total).max()
 
 
 @pytest.mark.parametrize("effect", [BASE, BENT])

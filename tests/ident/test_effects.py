@@ -13,7 +13,7 @@ from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.impedance import coupling, inertia_and_weight, posed, slopes, weighed
 from ident.effects.learned import learned
 from ident.effects.motion import SIGNALS, Motion, State
-from ident.effects.structure import LinkFlexibility
+from ident.effects.structure import BaseCompliance, Giving, LinkFlexibility, LockedJointElasticity, all_that_gives
 from ident.errors import IdentError
 from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
@@ -182,8 +182,8 @@ def known(name: str, q: np.ndarray) -> tuple[Known, pin.Model, pin.Data]:
     data = model.createData()
     J = pin.crba(model, data, q)
     J = np.triu(J) + np.triu(J, 1).T
-    k = {f: np.array([getattr(robot.drive(j), f) for j in chain.names]) for f in ("N", "K", "J_m", "D", "D_spring")}
-    return Known(**k, J=J, posture=q, fs=1000.0, chain=chain), model, data
+    N, K = (np.array([getattr(robot.drive(j), f) for j in chain.names]) for f in ("N", "K"))
+    return Known(N, K, J, q, chain), model, data
 
 
 @pytest.mark.parametrize("name", ["ypp3", "arm6"])
@@ -259,6 +259,68 @@ def test_impedances_are_symmetric_and_passive(name: str) -> None:
     assert np.abs(Z - np.swapaxes(Z, 1, 2)).max() <= 1e-9 * np.abs(Z).max()
     lossy = (Z - np.conj(np.swapaxes(Z, 1, 2))) / 2j  # of Z = -w^2 M + j w D + K: w D
     assert np.linalg.eigvalsh(lossy).min() >= -1e-9 * np.abs(Z).max()
+
+
+BASE = BaseCompliance(None, (5e4, 8e4, 60.0, 2e-4))
+LOCKED, SLIDE = LockedJointElasticity(1, (9e3, 3e-4)), LockedJointElasticity(2, (9e5, 3e-4))
+LINKS = (LinkFlexibility(1, (7e3, 0.6, 2e-4, 0.0)), LinkFlexibility(2, (8e3, 0.4, 2e-4, 1.0)), LinkFlexibility(3, (2e3, 0.5, 2e-4, 0.0)))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "effects", "gravity"),
+    # what the weight of a base that turns about more than one axis is depends on how its turns are told
+    [
+        ("arm6", (LOCKED, *LINKS), [1.0, -2.0, -9.0]), ("arm6", LINKS, [1.0, -2.0, -9.0]), ("arm6", (BASE, LOCKED, *LINKS), [0.0] * 3),
+        ("scara4", (LINKS[0], SLIDE, LINKS[1], LINKS[2]), [1.0, -2.0, -9.0]), ("scara4", (BASE, SLIDE, LINKS[2]), [0.0] * 3),
+    ],
+)  # fmt: skip
+def test_things_that_give_are_joints_more_of_the_arm(
+    name: str, effects: tuple[Giving, ...], gravity: list[float]
+) -> None:
+    """On springs, and followed to where these have them: what the other joints feel beyond their own inertia and weight."""
+    chain, g = chain_of_robot(load_robot(ROBOTS / name)), np.array(gravity)
+    q, s = np.random.default_rng(7).uniform(-1, 1, chain.n), 2j * np.pi * np.array([3.0, 14.0, 60.0])
+    locked = [effect.joint for effect in effects if isinstance(effect, LockedJointElasticity)]
+    live = np.setdiff1d(range(chain.n), locked)
+    J = inertia_and_weight(chain, q, g)[0]
+    J[locked], J[:, locked] = 0.0, 0.0
+    whole, places, springs = chain, [], []
+    for effect in reversed(effects):
+        whole, more = effect.opened(whole)
+        places = [*more, *(place + len(more) for place in places)]
+        k = [effect.values[0], effect.values[0], effect.values[1]] if effect is BASE else [effect.values[0]]
+        springs = [*(stiffness * (1.0 + s * effect["damping"]) for stiffness in k), *springs]
+    links = np.setdiff1d(range(whole.n), places)
+    posture = np.zeros(whole.n)
+    posture[links] = q
+    M, W = inertia_and_weight(whole, posture, g)
+    Z = s[:, None, None] ** 2 * M + W
+    Z[:, places, places] += np.array(springs).T
+    B = Z[:, places][:, :, links[live]]
+    expected = -np.swapaxes(B, 1, 2) @ np.linalg.solve(Z[:, places][:, :, places], B)
+    found = all_that_gives(s, replace(known(name, q)[0], chain=chain, gravity=g, J=J), effects)
+    assert found is not None
+    of_links = found[:, chain.n + live][:, :, chain.n + live]
+    assert np.abs(of_links - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+def test_what_gives_is_added_to_what_gives_beside_it() -> None:
+    arm, _, _ = known("ypp3", np.array([0.2, 0.5, -0.9]))
+    s = 2j * np.pi * np.array([3.0, 14.0, 60.0])
+    disc = CATALOGUE["attached-resonator"].of(2, {"inertia": 0.02, "frequency": 30.0})
+    effects: list[Effect] = [LinkFlexibility(1, (2e4, 0.5, 2e-4, 0.0)), disc, BASE]
+    total = all_that_gives(s, arm, effects)
+    assert total is not None
+    steps = [effect.impedance(s, replace(arm, beside=tuple(effects[:k]))) for k, effect in enumerate(effects)]
+    assert np.abs(sum(steps) - total).max() < 1e-9 * np.abs(total).max()
+    assert np.abs(all_that_gives(s, arm, effects[::-1]) - total).max() < 1e-12 * np.abs(total).max(), "in any order"
+    apart = sum(effect.impedance(s, arm) for effect in effects)
+    assert np.abs(apart - total).max() > 0.1 * np.abs(total).max()
+    for effect in effects:
+        alone = all_that_gives(s, arm, [effect])
+        assert np.abs(effect.impedance(s, arm) - alone).max() < 1e-9 * np.abs(alone).max()
+    lossy = (total - np.conj(np.swapaxes(total, 1, 2))) / 2j
+    assert np.linalg.eigvalsh(lossy).min() >= -1e-9 * np.abs(total).max()
 
 
 def test_a_link_on_a_slide_turns_on_its_spring() -> None:

@@ -11,17 +11,21 @@ import pytest
 from diagnosed import CELLS, ROOT
 
 from ident.arm_fit import Problem, hold, residual
+from ident.arm_model import stiffness
 from ident.bench import simulate
 from ident.campaign import Array, Campaign
 from ident.candidates import added, otherwise
 from ident.coupled import declared_start, problem_of
+from ident.curves import responses
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.response import Response, response
 from ident.effects.sensor import JointZeroOffset
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.periods import spectrum
+from ident.scene import linear_extra
 from ident.trace import Linearised, linearise
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
@@ -31,6 +35,9 @@ CHAIN = chain_of_robot(ROBOT)
 MODEL = make_model(CHAIN, believe_zeros=True)
 FAR, CHANGED = JointZeroOffset(2, (1.2,)), CATALOGUE["change-between-records"](0, (1.0, 0.6, 0.0, 0.0))
 COUPLED, VISCOUS = CATALOGUE["motor-coupling"](0, (0.3, 1.0)), CATALOGUE["link-viscous"](0, (1e-3,))
+LATE, WEAK, RELAXED = (CATALOGUE[name](1, values) for name, values in (
+    ("input-delay", (3e-3,)), ("torque-scale", (0.3,)), ("spring-relaxation", (450.0, 0.02)),
+))  # fmt: skip
 BENT = CATALOGUE["link-flexibility"](1, (2e5, 0.6, 2e-4, 1.0))
 
 
@@ -71,6 +78,10 @@ def explained(there: tuple[Effect, ...], by: tuple[Effect, ...]) -> Linearised:
         ((FAR,), JointZeroOffset(2, (1e-5,))),  # of another J than where the joint reads to be
         ((FAR,), CATALOGUE["link-flexibility"](1, (1e9, 0.6, 2e-4, 0.0))),
         ((CHANGED, COUPLED), VISCOUS),  # of another spring in this record, which loads both motors
+        ((), CATALOGUE["input-delay"](1, (1e-6,))),  # of torques that are held
+        ((LATE,), CATALOGUE["torque-lag"](1, (1e-6,))),  # and come late already
+        ((WEAK,), CATALOGUE["input-delay"](None, (1e-6,))),
+        ((RELAXED,), CATALOGUE["cable-stiffness"](1, (1e-2, 0.0))),  # of a motion in which the link pulls on the motor
     ],
     ids=lambda one: one.name if isinstance(one, Effect) else "",
 )
@@ -80,6 +91,37 @@ def test_a_candidate_promises_what_it_does_to_the_fitted_arm(there: tuple[Effect
     (promised,) = added(lin, candidate)
     assert promised is not None
     assert np.linalg.norm(promised - does) < 0.03 * np.linalg.norm(does)
+
+
+@pytest.mark.parametrize("there", [RELAXED, CATALOGUE["motor-coupling"](0, (0.1, 1.0))], ids=lambda one: one.name)
+def test_links_pull_on_motors_beside_their_springs(there: Effect) -> None:
+    """In the motion at whatever port is doubted: with the springs' law in doubt that pull is all that tells of the deflection."""
+    lin = explained((there,), (there,))
+    (scene,), ((p, _),) = lin.scenes, lin.arms
+    _, _, Z_lm, Z_ll = stiffness(scene.arm, p, scene.s, linear_extra(scene, p, (there,)).impedance)
+    x = scene.theta / scene.arm.N
+    deflection = x + np.linalg.solve(Z_ll, Z_lm @ x[..., None])[..., 0]
+    for port, motions in lin.motions.items():
+        found = scene.at_lines(motions[0].of("deflection", scene.arm.live))
+        assert np.linalg.norm(found - deflection) < 0.02 * np.linalg.norm(deflection), port
+
+
+def test_a_spring_rests_under_the_torque_that_its_motor_gives() -> None:
+    """Behind its gain, with its offset."""
+    lin = explained((WEAK, CATALOGUE["torque-offset"](1, (0.05,))), ())
+    (scene,), ((p, _),) = lin.scenes, lin.arms
+    tau = 1.3 * scene.means[0, 1] + 0.05
+    for (motion,) in lin.motions.values():
+        assert motion.signal("deflection", 1).mean() == pytest.approx(scene.N[1] * tau / p.K[1])
+        assert motion.signal("tau", 1).mean() == pytest.approx(1.3 * scene.means[0, 1])
+
+
+def test_the_response_of_a_torque_is_what_the_fit_would_have_beside_the_gains_it_has() -> None:
+    found = response("motor", np.geomspace(1.0, 100.0, 9).tolist())(1, (0.05,) * 8 + (2e-4,) * 9)
+    lin = explained((LATE,), (LATE, found))
+    (best,) = (one.effect for one in responses(lin, 0.0) if (one.effect.port, one.effect.joint) == ("motor", 1))
+    assert isinstance(best, Response)
+    np.testing.assert_allclose(best.at_frequencies(np.geomspace(20.0, 90.0, 9))[0], np.exp(0.05), rtol=1e-2)
 
 
 def test_links_that_an_effect_carries_are_no_sizes_of_it() -> None:
