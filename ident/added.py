@@ -121,11 +121,14 @@ def renewed(state: State, new: State, added: Sequence[Added]) -> list[Added]:
 
 def _of_model(state: State, added: list[Added]) -> list[Added]:
     """The entries of the effects that the model still has: the last one stands for the others, so what explained something beside
-    them, and the model without them, are its own."""
+    them, and the model without them, are its own. What the declared model left is told by the first one."""
     gone = [a for a in added if not any(same(a.effect, e) for e in state.effects)]
     if len(gone) in (0, len(added)):
         return added
-    *before, last = [a for a in added if a not in gone]
+    first, *more = [a for a in added if a not in gone]
+    if added[0] in gone:
+        first = replace(first, before=added[0].before, port_shares=added[0].port_shares)
+    *before, last = first, *more
     besides = [a.besides for a in (last, *gone) if a.besides is not None]
     fewest = min(besides, key=lambda one: len(one.effects), default=None)
     partly = tuple(one for a in (last, *gone) for one in a.partly)

@@ -30,6 +30,7 @@ _LOADS = "repeat at postures where gravity loads this joint differently, and whe
 _BOTH_SIDES = "motor and link move alike below the anti-resonance and apart around it: finer lines there, or an encoder on the link"
 _SHIFTED = "repeat with the joint shifted by fractions of a motor turn: {a} and {b} follow the angle differently"
 _SCALED = "no record without a known inertia tells a torque from an inertia: add a known mass at the flange"
+_ELSEWHERE = "excite the other joints, too, at the same postures: those that have it show {a} most"
 _EXTRA_MODE = "excite the other joints: {a} and {b} give each of them another share of the extra resonance"
 
 #: For two effects at the same place, in either order.
@@ -154,9 +155,11 @@ CHANGES = ("change-between-records", "drift-over-records")
 
 
 def separation(a: str, b: str, same_joint: bool = True) -> Separation:
-    """Returns what tells effect `a` from effect `b`, at the same joint or at another."""
+    """Returns what tells effect `a` from effect `b`, at the same joint or at another; from itself at another, or of the whole arm."""
+    if a == b and (a, b) not in TABLE:
+        return Separation(_ELSEWHERE.format(a=a), "others")
     changed = [name for name in (a, b) if name in CHANGES]
-    if len(changed) == 2 and a != b:
+    if len(changed) == 2:
         return Separation("one record again and again: what drifts goes on, what changed stays", "repeat")
     if changed:
         other = b if a in CHANGES else a
@@ -169,8 +172,6 @@ def separation(a: str, b: str, same_joint: bool = True) -> Separation:
             return Separation(text.format(a=a, b=b), recipe)
     if not same_joint:
         return Separation("excite each of the two joints alone, at the same postures", "others")
-    if a == b:
-        return Separation("more postures: nothing else is different between the two", "postures")
     for recipe in ("amplitude", "shift", "others", "postures"):
         if (a in FAMILIES[recipe]) != (b in FAMILIES[recipe]):
             return Separation(f"{RECIPES[recipe]}: it changes one of the two and not the other", recipe)

@@ -11,7 +11,7 @@ from ident.arm_fit import Problem, chi_squared, hold, spectrum
 from ident.campaign import Array
 from ident.departures import errors
 from ident.descent import SLACK, minimise
-from ident.deviations import Deviation, deviations
+from ident.deviations import HIDDEN, Deviation, deviations
 from ident.effects.base import Effect
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
@@ -75,10 +75,13 @@ def of_effect(off: Sequence[Off], effect: Effect) -> list[Off]:
 
 
 def standard_deviations(state: State, effect: Effect, off: Sequence[Off]) -> tuple[float, ...]:
-    """Standard deviations of an effect's values; of those that are declared numbers, too, what these are `off` by tells them, 0: as declared."""
+    """Standard deviations of an effect's values, NaN where no record shows one; of those that are declared numbers, too, what these are
+    `off` by tells them, 0: as declared."""
     values, vectors, seen = spectrum(state.minimum.information)
-    lifted = np.where(seen, values, np.inf)
-    deviation = np.sqrt(np.einsum("ik,k,ik->i", vectors, 1.0 / lifted, vectors)) * state.problem.scale
+    deviation = (
+        np.sqrt(np.einsum("ik,k,ik->i", vectors[:, seen], 1.0 / values[seen], vectors[:, seen])) * state.problem.scale
+    )
+    deviation[np.abs(vectors[:, ~seen]).max(axis=1, initial=0.0) > HIDDEN] = np.nan
     told_by = {name: std for one in of_effect(off, effect) for name, _, std, _ in one.deviation.values}
     k = state.problem.base
     for e in state.effects:
@@ -113,9 +116,12 @@ def _refitted(bench: Bench, state: State) -> State:
 
 
 def _follows(problem: Problem, state: State, vector: Array) -> Array:
-    """What is free, where the curvature at the minimum takes it when the rest is moved to where `vector` has it."""
+    """What is free, where the curvature at the minimum takes it when the rest is moved to where `vector` has it; what is lost of a drive,
+    whose logarithms are fitted, is no more than all of it."""
     free, scale, information = problem.free, problem.scale, state.minimum.information
-    pushed = information[np.ix_(free, ~free)] @ ((vector - state.minimum.vector) / scale)[~free]
+    moved = (vector - state.minimum.vector) / scale
+    moved[: 4 * problem.n] = np.maximum(moved[: 4 * problem.n], -1.0)
+    pushed = information[np.ix_(free, ~free)] @ moved[~free]
     size = np.sqrt(np.maximum(np.diag(information)[free], 1e-300))
     curvature = information[np.ix_(free, free)] / size / size[:, None] + SLACK * np.eye(len(size))
     step = -np.linalg.solve(curvature, pushed / size) / size

@@ -26,6 +26,10 @@ from symgen.plan import Model
 
 #: A number contradicts what was declared when it is this many standard deviations off, and more than the model is granted.
 SIGMAS = 6.0
+#: Share of a number in a direction that no record shows from which it is not known.
+HIDDEN = 0.1
+#: Share of a damping that is none, where none was declared: logarithms are fitted.
+NONE = 1e-6
 #: A body explains the change of the constants unless chance would do worse this rarely.
 CHANCE = 1e-6
 #: Several links are off, rather than one, when any one leaves more than so many times what chance does.
@@ -101,7 +105,7 @@ def _drives(
             continue
         for j in range(n):
             k, now, was = block * n + j, float(getattr(p, field)[j]), float(declared[j])
-            if not was > 0.0 or np.abs(hidden[k]).max(initial=0.0) > 0.1:
+            if np.isnan(was) or np.abs(hidden[k]).max(initial=0.0) > HIDDEN:
                 continue
             std = float(np.sqrt(covariance[k, k])) * now
             off = now - was
@@ -111,7 +115,12 @@ def _drives(
                     unit = "Ns/m"
                 result.append(
                     Deviation(
-                        NAMES[field], j, ((name, off, std, unit),), abs(off) / std, np.array([k]), np.log([now / was])
+                        NAMES[field],
+                        j,
+                        ((name, off, std, unit),),
+                        abs(off) / std,
+                        np.array([k]),
+                        np.log([now / max(was, NONE * now)]),
                     )
                 )
     return result

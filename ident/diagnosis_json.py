@@ -138,7 +138,7 @@ def result_document(d: Diagnosis, seconds: Mapping[str, float]) -> dict[str, Any
         "chi2_limit": limit,
         "explained": d.status != "unexplained",
         "not_identifiable": [
-            {"what": f"a direction of alpha, mostly {name}", "why": "no record shows it; the CAD value is kept",
+            {"what": f"a direction of alpha, mostly {name}", "why": "no record shows it: its value means nothing",
              "remedy": "measure more postures: symgen plans them"} for name in hidden
         ],
         "physically_consistent": {"ok": links.ok, "distance": links.distance, "alpha": links.alpha},

@@ -98,7 +98,7 @@ def _found(verdict: dict[str, Any]) -> str:
 
 
 def _share(verdict: dict[str, Any], effect: dict[str, Any]) -> float | None:
-    """By which share of itself a declared number is off, where it is one number."""
+    """By which share of itself a declared number is off, where it is one number and not 0."""
     declared, (parameter, *more) = verdict["declared"], effect["parameters"].values()
     if more or parameter["unit"] and effect["name"] not in FIELDS:
         return None
@@ -107,7 +107,7 @@ def _share(verdict: dict[str, Any], effect: dict[str, Any]) -> float | None:
         if parameter["unit"]
         else 1.0
     )
-    return float(parameter["value"] / was)
+    return float(parameter["value"] / was) if was else None
 
 
 def _drives(verdict: dict[str, Any]) -> list[dict[str, Any]]:

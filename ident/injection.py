@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ident.bodies import Bodies
 from ident.effects.base import Arm, Effect, Law, Path, PortLaw
+from ident.effects.declared import Changing, Payload
 from ident.effects.motion import State
-from ident.effects.structure import LockedJointElasticity
+from ident.effects.structure import AttachedResonator, LockedJointElasticity
 from ident.errors import ExperimentError
 from ident.plant import Plant, build_plant
 from symgen.chain import Chain
@@ -21,6 +22,12 @@ from symgen.robot import Drive
 Array = NDArray[np.float64]
 
 _DIFFERENCE = 1e-4  # rad or m, as in `ident.plant`
+#: What comes after all else whatever the order it is given in: a load on the link as it is, shares of a drive as it is, a disc on the
+#: near part of a link that bends.
+_LATER = (Payload, Changing, AttachedResonator)
+#: What of a drive has to be positive, and what may be none.
+_POSITIVE, _NOT_NEGATIVE = ("J_m", "K"), ("D", "D_spring")
+_FAR = 1.0  # rad or m that a spring is wound, beyond which nobody looks for a rest
 _ROUNDS = 50  # of the search for the rest: effects that load each other's joints settle in a few
 
 
@@ -113,10 +120,12 @@ def inject(
         raise ExperimentError(
             f"effect {LockedJointElasticity.name}: every joint has its elasticity here; expected --lock rigid"
         )
+    effects = sorted(effects, key=_in_order)
     declared = np.array(posture, dtype=float)
     arm, q = Arm(chain, tuple(drives), np.asarray(gravity, dtype=float)), declared
     for effect in effects:
         arm, q = effect.arm(arm, record), effect.posture(q)
+        _check(effect, arm.drives)
     nominal = build_plant(arm.chain, arm.drives, arm.gravity, q, free=free, step=step, integrator=integrator)
     bodies = Bodies(arm, q, nominal.live, step, integrator)
     for effect in effects:
@@ -139,6 +148,23 @@ def inject(
         rest[joint.index] = joint.read(state.theta)
         preload[joint.index] = u / joint.path.gain
     return replace(here, plant=replace(nominal, model=model, rest=rest, preload=preload, qpos=qpos, posture=q))
+
+
+def _in_order(effect: Effect) -> tuple[int, str, int, tuple[float, ...]]:
+    """What effects are sorted by: the machine is the same in whatever order they are given."""
+    later = next((k for k, kind in enumerate(_LATER, 1) if isinstance(effect, kind)), 0)
+    return later, effect.name, -1 if effect.joint is None else effect.joint, effect.values
+
+
+def _check(effect: Effect, drives: Sequence[Drive]) -> None:
+    """ExperimentError where an effect has made of a drive what none can be."""
+    for drive in drives:
+        for name in (*_POSITIVE, *_NOT_NEGATIVE):
+            value, least = getattr(drive, name), "> 0" if name in _POSITIVE else ">= 0"
+            if value < 0.0 or (name in _POSITIVE and value == 0.0):
+                raise ExperimentError(
+                    f"effect {effect.name}: {name} of joint {drive.joint!r} would be {value:.3g}; expected {least}"
+                )
 
 
 def _live(model: mujoco.MjModel, i: int, drive: Drive, shift: float, effects: Sequence[Effect]) -> Live:
@@ -193,11 +219,11 @@ def _wind(here: Injected, joint: Live, load: float, extra: dict[tuple[str, int],
         return own + extra.get((port, i), 0.0)
 
     def excess(x: float) -> float:
-        at.deflection, at.theta, at.spring = x, drive.N * (at.q + x), drive.K * x
+        at.deflection, at.theta, at.spring = x, drive.N * (at.q + x), carried
         return drive.K * x + total("spring") - carried
 
     carried = load - total("link")
-    x = _root(excess, carried / drive.K)
+    x = _root(excess, carried / drive.K, _FAR)
     if x is None:
         raise ExperimentError(
             f"joint {drive.joint!r} finds no rest with its effects: its spring can not carry {carried:.3g} N m"
@@ -209,22 +235,23 @@ def _wind(here: Injected, joint: Live, load: float, extra: dict[tuple[str, int],
         at.tau = u
         return u + total("motor") - asked
 
-    u = _root(lacking, asked)
+    u = _root(lacking, asked, drive.tau_max + abs(asked))
     if u is None:
         raise ExperimentError(
-            f"joint {drive.joint!r} finds no rest with its effects: its motor can not give {asked:.3g} N m"
+            f"joint {drive.joint!r} finds no rest with its effects: {asked:.3g} N m are asked of its motor, and no torque up to "
+            f"its limit of {drive.tau_max:g} N m leaves them"
         )
     return u
 
 
-def _root(f: Callable[[float], float], x: float) -> float | None:
-    """The root of f nearest to x, roughly; x itself where f vanishes there. None: nowhere near."""
+def _root(f: Callable[[float], float], x: float, far: float) -> float | None:
+    """The root of f nearest to x, roughly; x itself where f vanishes there. None: not as `far` as that."""
     from scipy.optimize import brentq  # not by every worker: it takes as long as MuJoCo to load
 
     if f(x) == 0.0:
         return x
-    reach = 1e-12 + 1e-9 * abs(x)
-    while reach < 1.0:
+    reach = 1e-12 * far + 1e-9 * abs(x)
+    while reach < 2.0 * far:
         ends = [f(x - reach), f(x + reach)]
         if ends[0] * ends[1] <= 0.0:
             return float(brentq(f, x - reach, x + reach, xtol=1e-300, rtol=1e-15))

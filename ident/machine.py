@@ -263,6 +263,7 @@ def _ports(
             ports[law.joint, law.port] = Port(states[law.joint], name, (), push, rate)
         port = ports[law.joint, law.port]
         port.laws = (*port.laws, force)
+        port.linear = (*port.linear, force) if law.linear else port.linear
     return list(ports.values()), memories
 
 

@@ -23,7 +23,8 @@ _PARTS, _SMALL = 16, 1e-5
 class Port:
     """The laws at one port of one joint, and what turns their torque F into motion: `push` (generalised force [nv] as
     (index, factor)) and `rate`, the velocity there as (index, factor); `name` of the velocity in the state; by how much it is
-    `ahead` at the end of the step of where an even force takes it. Without its torque it is accelerated `more` every second."""
+    `ahead` at the end of the step of where an even force takes it. Without its torque it is accelerated `more` every second.
+    Those of its laws that are `linear` are no part of what a spring carries: the fit has them as impedances."""
 
     state: State
     name: str
@@ -33,6 +34,7 @@ class Port:
     F: float = 0.0
     ahead: float = 0.0
     more: float = 0.0
+    linear: tuple[Force, ...] = ()
 
     def torque(self, rate: float) -> float:
         """The torque of its laws when its velocity is `rate`."""
@@ -54,7 +56,8 @@ def torques(
 ) -> None:
     """Finds the torques F of `ports` that hold over a step `h` from velocities v, with accelerations a without them.
 
-    W[i][j]: acceleration at port i per torque at port j. Positions are those half-way, in the states already.
+    W[i][j]: acceleration at port i per torque at port j. Positions are those half-way, in the states already, and so is what
+    springs carry but for the torques of their ports.
     """
     if len(ports) == 1:
         (port,) = ports
@@ -62,8 +65,11 @@ def torques(
         return
     rates = [port.velocity(v) for port in ports]
     pulls = [port.velocity(a) for port in ports]
+    springs = [(port, port.state.spring) for port in ports if port.name == "deflection_rate"]
     for _ in range(_SWEEPS):
         change = 0.0
+        for spring, carried in springs:
+            spring.state.spring = carried + spring.F - sum(float(law(spring.state)) for law in spring.linear)
         for i, port in enumerate(ports):
             pull = pulls[i]
             for j, other in enumerate(ports):

@@ -154,7 +154,7 @@ def _with_second(
         gain, found = alone.select - new.select, new.effects[-2]
         return new, [_entry(bench, state, lead, gain, tried, lin, found), entry]
     if earned(bench, state, alone, first):
-        return alone, [_entry(bench, state, alone, state.select - alone.select, more, there, alone.effects[-1])]
+        return alone, [_entry(bench, state, alone, state.select - alone.select, more, lin, alone.effects[-1])]
     return None
 
 

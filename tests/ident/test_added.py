@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import ident.added
+import ident.rounds
 from ident.added import Added, drawn_over, exchanged, outdone, pruned
 from ident.diagnose import _better
 from ident.effects.base import Effect
@@ -122,6 +123,33 @@ def test_what_was_left_out_leaves_what_it_led_to_to_what_made_it_superfluous(mon
     _, entries = pruned(BENCH, state(0.9, DELAY, LAG, DRY), [first, second, last], lambda line: None)
     assert [one.effect for one in entries] == [LAG, DRY]
     assert entries[-1].partly == (other,) and _better(state(90.0), entries) is led
+
+
+def test_what_came_first_tells_what_the_declared_arm_left_to_what_made_it_superfluous(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(ident.added, "without", lambda bench, one, old: state(0.9, DRY))
+    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    declared, later = (("motor", 2, 0.9),), (("link", 2, 0.4),)
+    added = [replace(entry(DELAY), before=0.3, port_shares=declared), replace(entry(DRY), port_shares=later)]
+    _, (one,) = pruned(BENCH, state(0.9, DELAY, DRY), added, lambda line: None)
+    assert (one.effect, one.before, one.port_shares) == (DRY, 0.3, declared)
+
+
+def test_an_effect_to_which_another_only_led_is_told_by_what_the_arm_without_both_leaves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lead, alone, before = state(60.0, DELAY), state(0.9, DRY), SimpleNamespace(of="the arm without both")
+    fakes = {
+        "linearised": lambda *of: SimpleNamespace(of="the lead"), "hasty": lambda *of: (), "likely_names": lambda *of: (),
+        "_best": lambda *of: (None, []), "_entered": lambda *of: (state(0.9, DELAY, DRY), entry(DRY)),
+        "earned": lambda bench, less, new, first: less is not alone, "without": lambda *of: alone,
+        "_entry": lambda bench, less, new, gain, tried, lin, effect: lin,
+    }  # fmt: skip
+    for name, fake in fakes.items():
+        monkeypatch.setattr(ident.rounds, name, fake)
+    found = ident.rounds._with_second(BENCH, state(90.0), lead, (), (), before, 0.0, lambda line: None)
+    assert found == (alone, [before])
 
 
 def test_a_curve_that_bends_once_another_effect_is_left_out_is_still_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -35,6 +35,16 @@ def test_friction_laws_differ_at_small_amplitudes_and_loads_at_postures():
     assert separation("torque-scale", "payload").recipe == "mass"
 
 
+@pytest.mark.parametrize("same_joint", [True, False])
+@pytest.mark.parametrize(
+    "name", ["change-between-records", "drift-over-records", "input-delay", "torque-lag", "time-offset"]
+)
+def test_an_effect_is_told_from_itself_elsewhere_by_exciting_the_other_joints(name: str, same_joint: bool) -> None:
+    """Of the whole arm, or at another joint: the first records once more would show the same, whichever of them changed."""
+    found = separation(name, name, same_joint)
+    assert found.recipe == "others" and found.separate_by.startswith("excite the other joints, too")
+
+
 def test_a_late_torque_of_a_joint_that_moves_no_other_is_a_late_angle():
     assert never_told_apart("input-delay", alone=True) == ("time-offset",)
     assert never_told_apart("time-offset", alone=False, only=True) == ("input-delay",)

@@ -11,17 +11,19 @@ import pytest
 from ident.arm_fit import Problem
 from ident.bench import simulate
 from ident.campaign_model import model_of_campaign
-from ident.contradicted import Off, merged
+from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.descent import Minimum
 from ident.deviations import Change, Deviation, Part, _bodies, deviations
-from ident.diagnose import begin
+from ident.diagnose import Begun, begin
+from ident.effects.base import Effect
 from ident.effects.catalogue import parse
 from ident.effects.declared import GravityStiffness
+from ident.effects.link import CableStiffness
 from ident.evidence import gravity_basis
 from ident.frf import estimate
 from ident.refits import State
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
-from symgen.robot import load_robot
+from symgen.robot import Robot, load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
 #: Standard deviation of every constant, of the largest.
@@ -97,22 +99,61 @@ def test_what_is_out_of_reach_explains_nothing() -> None:
     assert not changed(mass=0.5).out_of_reach((Part(4, 2),))
 
 
+def short_campaign(robot: Robot, *effects: Effect) -> Begun:
+    """What a diagnosis begins with of a few short records."""
+    short = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=3, fs=500.0))
+    chain = chain_of_robot(short)
+    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(short).cells if not cell.spare]
+    campaign = simulate(chain, short, cells, effects=effects, workers=1, seed=3)
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    return begin(campaign, model_of_campaign(campaign, responses, True, "coupled")[0], responses)
+
+
 def test_what_is_far_beyond_its_error_is_told_but_not_what_the_law_of_an_effect_may_bend() -> None:
     """A spring's damping 3 % off, of which the records tell 0.1 %."""
-    short = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3, fs=500.0))
-    chain = chain_of_robot(short)
-    off = parse("spring-damping:damping=0.036@joint1", [short.drive(name) for name in chain.names])
-    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(short).cells if not cell.spare]
-    campaign = simulate(chain, short, cells, effects=[off], workers=1, seed=3)
-    responses = tuple(estimate(record, campaign) for record in campaign.records)
-    model, _ = model_of_campaign(campaign, responses, True, "coupled")
-    begun = begin(campaign, model, responses)
+    off = parse("spring-damping:damping=0.036@joint1", ROBOT.drives)
+    begun = short_campaign(ROBOT, off)
     bench, problem, found = begun.bench, begun.start.problem, begun.start.minimum
+    campaign, model = bench.campaign, bench.model
     (one,) = deviations(campaign, model, bench.basis, problem, found)
     ((_, value, std, _),) = one.values
     assert (one.name, one.joint) == ("spring-damping", 0)
     assert value == pytest.approx(0.036, abs=4.0 * std) and std < 0.003
     assert deviations(campaign, model, bench.basis, replace(problem, effects=(off,)), found) == ()
+
+
+def undamped(*joints: str) -> Robot:
+    """Declared without damping in the springs of these."""
+    drives = tuple(replace(drive, D_spring=0.0) if drive.joint in joints else drive for drive in ROBOT.drives)
+    return replace(ROBOT, drives=drives)
+
+
+def test_a_damping_where_none_is_declared_is_told_and_what_it_costs_to_keep_none() -> None:
+    begun = short_campaign(undamped("joint2"), parse("spring-damping:damping=1.1@joint2", ROBOT.drives))
+    (off,) = contradicted(begun.bench, begun.start)
+    ((_, value, std, _),) = off.deviation.values
+    assert (off.deviation.name, off.deviation.joint) == ("spring-damping", 1)
+    assert value == pytest.approx(1.1, abs=4.0 * std) and std < 0.01
+    assert off.without.problem.parameters(off.without.minimum.vector).D_spring[1] < 1e-5
+    # others taken ten times as far as they can follow leave 60 % of the motion, refitted ones 3 %
+    assert 0.02 < off.before < 0.1 and off.after < 2e-3
+
+
+def test_no_damping_where_none_is_declared_is_as_declared() -> None:
+    begun = short_campaign(undamped("joint2"))
+    start = begun.start
+    assert deviations(begun.bench.campaign, begun.bench.model, begun.bench.basis, start.problem, start.minimum) == ()
+
+
+def test_what_no_record_shows_has_no_standard_deviation() -> None:
+    """Where a cable pulls to is told by gravity's load on a joint that is measured, if at all."""
+    effect, base = CableStiffness(0, (20.0, 0.0)), 6
+    values, wide = np.append(np.ones(base), effect.values), np.full(base + 2, 9.0)
+    problem = Problem((), 1, 1, 1, (effect,), 2.0 * np.ones(base + 2), -wide, wide, wide > 0.0, lambda scene, q: scene)
+    information = np.diag([*np.full(base + 1, 4.0), 0.0])
+    state = State((effect,), (2.0,) * 2, ((-9.0, 9.0),) * 2, Minimum(values, information, 1.0, True), problem, 1.0)
+    stiffness, neutral = standard_deviations(state, effect, ())
+    assert stiffness == pytest.approx(1.0) and np.isnan(neutral)
 
 
 def test_a_number_that_an_effect_has_too_leaves_the_steps_of_its_information_as_they_are() -> None:

@@ -106,6 +106,23 @@ def test_many_declared_numbers_that_are_off_are_counted_in_the_sentence_and_told
     assert only == "3 declared numbers are off; with all corrected it explains the records."
 
 
+def test_what_no_record_shows_is_null_and_told_without_an_error(file):
+    d = diagnosis()
+    v = verdict_document(replace(d, added=(replace(d.added[0], std=(float("nan"),)),)), [file])
+    assert v["effects"][0]["parameters"]["level"]["std"] is None
+    assert "+-" not in text(v).split("level ")[1].splitlines()[0] and "nan" not in html(d, v).lower()
+
+
+def test_a_damping_where_none_is_declared_has_no_share(file):
+    d, none = diagnosis(), np.zeros(0)
+    campaign = replace(d.campaign, D=np.zeros(d.campaign.n))
+    found = Deviation("motor-viscous", 0, (("damping", 3e-5, 1e-7, "Nms/rad"),), 300.0, none, none)
+    d = replace(d, campaign=campaign, added=(), off=(Off(found, 0.05, d.after.all, d.start),))
+    v = verdict_document(d, [file])
+    assert "motor-viscous at joint1: damping 3e-05 +- 1e-07 Nms/rad\n" in text(v) + "\n"
+    assert "Declared numbers that are off" in html(d, v)
+
+
 def test_few_declared_numbers_are_named(file):
     v = verdict_document(numbers(replace(diagnosis(), added=())), [file])
     assert sentence(v) == "The declared model lacks inertial-parameters; with it it explains the records."
