@@ -9,7 +9,7 @@ from math import ceil, pi
 from ident.design import TORQUE_SHARE, Setup, place
 from ident.frf import POSTURE_TOLERANCE
 from symgen.plan import Plan
-from symgen.robot import Experiment, Robot
+from symgen.robot import MOST_SAMPLES, Experiment, Robot, recordable
 
 #: Below this J_ii / (N^2 J_m) the link hardly shows in the motor's response: an error of f_R counts 2 (1 + r) / r times.
 LIGHT = 0.1
@@ -19,8 +19,6 @@ VISIBLE = 10.0
 RESOLVED = 1.0
 #: Held motors that move more than this, relative to the excited one, show in a two-mass fit.
 HELD = 0.02
-#: Samples of a record at most, as `symgen.robot` has it.
-MOST_SAMPLES = 1e7
 
 
 @dataclass(frozen=True)
@@ -174,13 +172,6 @@ def _finer(e: Experiment, width: float) -> str:
     short = (float(f"{e.f0 / k:.3g}") for k in range(ceil(times), ceil(2.5 * times) + 1))
     fine = (spacing for spacing in short if recordable(e.fs, spacing, e.periods) and 2 * RESOLVED * spacing <= width)
     return f"line_spacing_Hz = {next(fine, e.f0 / ceil(times)):.10g}, or more periods"
-
-
-def recordable(fs: float, f0: float, periods: int = 1) -> bool:
-    """Whether a record of `periods` at `fs` with lines every `f0` [Hz] has a whole number of samples a period, and not
-    too many in all: what robot.toml may have."""
-    samples = fs / f0
-    return samples * periods <= MOST_SAMPLES and abs(samples - round(samples)) <= 1e-9 * samples
 
 
 def of_drive(check: JointCheck, robot: Robot) -> list[Finding]:

@@ -152,7 +152,7 @@ def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str,
 
 def _shortened(robot: Robot, options: argparse.Namespace) -> Robot:
     """The robot with the line spacing and the periods of the command line, where given: what robot.toml may have."""
-    from ident.doctor_findings import MOST_SAMPLES, recordable
+    from symgen.robot import MOST_SAMPLES, recordable
 
     e = robot.experiment
     f0, periods = getattr(options, "spacing", None), getattr(options, "periods", None)

@@ -21,7 +21,7 @@ from symgen.urdf_tree import read_tree
 
 _MAX_BYTES = 1_000_000
 _WHOLE = 1e-9  # relative: fs/f0 of decimal numbers such as 1000/0.1 is whole up to a few roundings
-_MAX_SAMPLES = 1e7  # a record: hours at 1 kHz; a gigabyte for a seven-axis arm
+MOST_SAMPLES = 1e7  # a record: hours at 1 kHz; a gigabyte for a seven-axis arm
 _MAX_GRAVITY = 100.0  # m/s2; anything beyond is a unit slip (mm/s2)
 
 
@@ -272,18 +272,25 @@ def _drive(where: str, joint: str, table: Any) -> Drive:
     return Drive(joint=joint, linear=linear, **_values(where, table, rules, required=tuple(rules)))
 
 
+def recordable(fs: float, f0: float, periods: int = 1) -> bool:
+    """Whether a record of `periods` at `fs` with lines every `f0` [Hz] has a whole number of samples a period, and not too many in
+    all: what robot.toml may have."""
+    samples = fs / f0
+    return samples * periods <= MOST_SAMPLES and abs(samples - round(samples)) <= _WHOLE * samples
+
+
 def _experiment(where: str, table: Any) -> Experiment:
     result = Experiment(**_values(where, table, _EXPERIMENT, required=()))
     samples, (low, high) = result.fs / result.f0, result.band
-    if samples > _MAX_SAMPLES or abs(samples - round(samples)) > _WHOLE * samples:
+    if not recordable(result.fs, result.f0):
         raise RobotError(
             f"{where}: sample_rate_Hz / line_spacing_Hz = {samples:.10g} samples per period; "
-            f"expected a whole number of at most {_MAX_SAMPLES:g}"
+            f"expected a whole number of at most {MOST_SAMPLES:g}"
         )
-    if samples * result.periods > _MAX_SAMPLES:
+    if not recordable(result.fs, result.f0, result.periods):
         raise RobotError(
             f"{where}: periods: {result.periods} of {samples:g} samples each; expected a record of at most "
-            f"{_MAX_SAMPLES:g} samples"
+            f"{MOST_SAMPLES:g} samples"
         )
     if high >= result.fs / 2:
         raise RobotError(f"{where}: band_Hz: {high:g} Hz is not below sample_rate_Hz / 2 = {result.fs / 2:g} Hz")

@@ -14,13 +14,12 @@ import pytest
 
 from ident.cli import main
 from ident.doctor import Examination, examine
-from ident.doctor_findings import recordable
 from ident.doctor_page import page
 from ident.errors import IdentError
 from ident.starter import new_robot, starting_drives
 from symgen.errors import RobotError
 from symgen.plan import chain_of_file, chain_of_robot
-from symgen.robot import load_robot
+from symgen.robot import load_robot, recordable
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 
