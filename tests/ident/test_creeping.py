@@ -57,6 +57,7 @@ def begun(until: float = np.inf) -> Begun:
     return begin(measured(), make_model(chain_of_robot(SHORT), believe_zeros=True), responses, until=until)
 
 
+@pytest.mark.bench
 def test_friction_is_sized_by_records_in_which_its_joint_slides() -> None:
     """Where it sticks friction is whatever holds it, and not that of a velocity that is all noise."""
     bench, start = begun().bench, begun().start

@@ -287,6 +287,7 @@ def test_a_law_that_is_steepest_at_standstill_is_drawn_to_the_noise() -> None:
     assert excess(bench(*law), fitted(bench(*law), Refit.of(tried[0][1]))) < 1.1
 
 
+@pytest.mark.bench
 def test_friction_that_is_lost_with_speed_is_drawn_with_the_motion_that_it_leaves() -> None:
     law = "falling-friction", 0.2, 0.03
     (likely,) = [c for c in curves(left(*law))[:2] if told(c.effect) == "unknown at joint 2: sliding at the link"]

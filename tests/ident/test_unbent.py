@@ -32,7 +32,8 @@ def begun(*effects: str, times: int = 1) -> Begun:
     return begin(campaign, make_model(CHAIN, believe_zeros=True), responses)
 
 
-@pytest.mark.parametrize(("joint", "times"), [pytest.param(0, 2, marks=pytest.mark.bench), (1, 1)])
+@pytest.mark.bench
+@pytest.mark.parametrize(("joint", "times"), [(0, 2), (1, 1)])
 def test_what_bends_the_arm_at_one_joint_is_left_out_with_its_records(joint: int, times: int) -> None:
     found, said = begun(f"spring-hardening:cubic=3e9@joint{joint + 1}", times=times), list[str]()
     bench, start, n = found.bench, found.start, CHAIN.n
