@@ -137,7 +137,8 @@ def begun() -> Begun:
 
 
 #: From its own shapes, and from such as no record shows: a base that hardly weighs, and turns hardly.
-@pytest.mark.parametrize("shapes", [pytest.param(BASE.values, marks=pytest.mark.bench), (1.5e5, 4e7, 6e3, 2e-4)])
+@pytest.mark.bench
+@pytest.mark.parametrize("shapes", [BASE.values, (1.5e5, 4e7, 6e3, 2e-4)])
 def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing(shapes: tuple[float, ...]) -> None:
     bench = begun().bench
     limits = tuple((0.2 * min(b, v), 5.0 * max(b, v)) for b, v in zip(BASE.values, shapes, strict=True))

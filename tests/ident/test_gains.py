@@ -115,7 +115,7 @@ def test_no_two_names_take_the_place_of_one_that_they_do_not_make() -> None:
 @pytest.mark.parametrize(
     ("effects", "joints"),
     [
-        pytest.param((LAG(0, (3e-4,)), LAG(1, (3e-4,))), [0, 1], id="two joints"),
+        pytest.param((LAG(0, (3e-4,)), LAG(1, (3e-4,))), [0, 1], id="two joints", marks=pytest.mark.bench),
         pytest.param((LAG(None, (3e-4,)), DELAY(1, (5e-4,))), [None], id="the arm, and more", marks=pytest.mark.bench),
     ],
 )

@@ -305,7 +305,7 @@ def test_friction_that_is_lost_with_speed_is_drawn_with_the_motion_that_it_leave
 @pytest.mark.parametrize(
     ("law", "port"),
     [
-        pytest.param(("spring-hardening", 1e7), "spring", id="hardening"),
+        pytest.param(("spring-hardening", 1e7), "spring", id="hardening", marks=pytest.mark.bench),
         pytest.param(("torque-ripple", 2e-3, 4.0, 0.5), "motor", id="ripple", marks=pytest.mark.bench),
     ],
 )
@@ -328,12 +328,12 @@ def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tu
     [
         (("place-damper", 5.0, 170.0), "damping at the link"),
         (("commutation", 0.01, TEETH), "gain at the motor"),
-        (("mesh-stiffness", 100.0, TEETH), "stiffness at the spring"),
-        (("pressed-friction", 0.1), "driven at the motor"),
+        pytest.param(("mesh-stiffness", 100.0, TEETH), "stiffness at the spring", marks=pytest.mark.bench),
+        pytest.param(("pressed-friction", 0.1), "driven at the motor", marks=pytest.mark.bench),
         pytest.param(("fading-torque", 0.02, 20.0), "fading at the motor", marks=pytest.mark.bench),
         pytest.param(("iron-loss", 2e-4, 0.1), "driving at the motor", marks=pytest.mark.bench),
         (("laden-damper", 1.0, 10.0), "laden at the link"),
-        (("rubber-damper", 1.0, 1e-3), "damping at the spring"),
+        pytest.param(("rubber-damper", 1.0, 1e-3), "damping at the spring", marks=pytest.mark.bench),
         (("encoder-waves", 2e-3, 5.0), "reading at the sensor"),
     ],
 )

@@ -71,7 +71,7 @@ def test_sweeps_better_what_refinement_no_longer_does(mask: Mask | None, gain: f
     assert swept(ur5.rows, ur5.merit, cells, ur5.holding, 0) is cells
 
 
-@pytest.mark.parametrize("mask", [None, beside_a_wall])
+@pytest.mark.parametrize("mask", [pytest.param(None, marks=pytest.mark.bench), beside_a_wall])
 def test_kicks_better_what_sweeps_no_longer_do(mask: Mask | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Until that is enough; all cells stay feasible, and the same are found again."""
     ur5 = Arm(mask)
