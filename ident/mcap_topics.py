@@ -29,34 +29,7 @@ def read_topics(path: Path) -> Iterator[tuple[str, NDArray[np.float64]]]:
     first. What is not in every message of a topic, or changes its length, is left out. ImportingError if nothing in the
     file can be decoded, or it ends in the middle.
     """
-    from mcap.exceptions import McapError
-    from mcap.reader import make_reader
-    from zstandard import ZstdError
-
-    topics: dict[str, dict[str, list[Any]]] = {}
-    logged: dict[str, list[int]] = {}  # by topic: when its messages came
-    decoders: dict[int, Decoder | None] = {}
-    unknown: set[str] = set()
-    try:
-        with path.open("rb") as stream:
-            for schema, channel, message in make_reader(stream).iter_messages():
-                if channel.id not in decoders:
-                    decoders[channel.id] = _decoder(channel.message_encoding, schema)
-                    if decoders[channel.id] is None:
-                        unknown.add(f"{channel.topic} ({channel.message_encoding or 'no encoding'})")
-                decode = decoders[channel.id]
-                if decode is not None:
-                    topic = channel.topic.strip("/")
-                    columns = topics.setdefault(topic, {})
-                    logged.setdefault(topic, []).append(message.log_time)
-                    for name, value in _numbers(decode(message.data), ""):
-                        columns.setdefault(name, []).append(value)
-    except (McapError, ZstdError) as error:
-        raise ImportingError(f"{path}: not a readable MCAP file: {error or type(error).__name__}") from None
-    if unknown and not topics:
-        raise ImportingError(
-            f"{path}: no topic that can be decoded, but {', '.join(sorted(unknown)[:5])}; expected ROS 2 messages (cdr by ros2msg) or JSON"
-        )
+    topics, logged = _messages(path)
     kept = {
         topic: {name: values for name, values in columns.items() if _one_each(values, len(logged[topic]))}
         for topic, columns in topics.items()
@@ -72,6 +45,39 @@ def read_topics(path: Path) -> Iterator[tuple[str, NDArray[np.float64]]]:
                 yield f"{topic}/{name}", _since(stamped if _is_stamp(name, values) else values[0], values)
         if "log_time" not in columns:
             yield f"{topic}/log_time", _since(first, logged[topic])
+
+
+def _messages(path: Path) -> tuple[dict[str, dict[str, list[Any]]], dict[str, list[int]]]:
+    """What all messages hold, by topic and name, and when those of a topic came [ns]. Errors as `read_topics`."""
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+    from zstandard import ZstdError
+
+    topics: dict[str, dict[str, list[Any]]] = {}
+    logged: dict[str, list[int]] = {}
+    decoders: dict[int, Decoder | None] = {}
+    unknown: set[str] = set()
+    try:
+        with path.open("rb") as stream:
+            for schema, channel, message in make_reader(stream).iter_messages():
+                if channel.id not in decoders:
+                    decoders[channel.id] = _decoder(channel.message_encoding, schema)
+                decode, topic = decoders[channel.id], channel.topic.strip("/")
+                if decode is None:
+                    unknown.add(f"{channel.topic} ({channel.message_encoding or 'no encoding'})")
+                    continue
+                columns = topics.setdefault(topic, {})
+                logged.setdefault(topic, []).append(message.log_time)
+                for name, value in _numbers(decode(message.data), ""):
+                    columns.setdefault(name, []).append(value)
+    except (McapError, ZstdError, OSError) as error:  # OSError: a place in the file that is before its beginning
+        why = "damaged or cut off" if isinstance(error, OSError) else error or type(error).__name__
+        raise ImportingError(f"{path}: not a readable MCAP file: {why}") from None
+    if unknown and not topics:
+        raise ImportingError(
+            f"{path}: no topic that can be decoded, but {', '.join(sorted(unknown)[:5])}; expected ROS 2 messages (cdr by ros2msg) or JSON"
+        )
+    return topics, logged
 
 
 def _one_each(values: Sequence[Any], messages: int) -> bool:
