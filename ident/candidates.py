@@ -15,7 +15,6 @@ from ident.effects.motion import CREEP
 from ident.errors import IdentError
 from ident.frf import Complex
 from ident.periods import spectrum
-from ident.scene import linear_extra
 from ident.trace import Linearised
 from symgen.forked import forked
 
@@ -133,16 +132,10 @@ def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
         moved_by = pushes["motor"] @ (force[:, :m] / scene.arm.N[:, None]) + pushes["link"] @ force[:, m:]
         total = total + moved_by[..., 0]
     if kind.torque_gain is not Effect.torque_gain and (gain := effect.torque_gain(s, arm)) is not None:
-        total = total + (pushes["motor"] @ ((gain[:, live] - 1.0) * acting_torque(lin, at))[..., None])[..., 0]
+        total = total + (pushes["motor"] @ ((gain[:, live] - 1.0) * lin.acting_torque(at))[..., None])[..., 0]
     if kind.angle_gain is not Effect.angle_gain and (gain := effect.angle_gain(s, arm)) is not None:
         total = total + (pushes["sensor"] @ ((gain[:, live] - 1.0) * scene.theta)[..., None])[..., 0]
     return total
-
-
-def acting_torque(lin: Linearised, at: int) -> Complex:
-    """The motors' torques in record `at` [L, m] as they act: behind the gains that the fit has already, and held."""
-    scene, effects = lin.scenes[at], lin.problem.effects_at(lin.vector)
-    return scene.acting_torque(linear_extra(scene, lin.arms[at][0], effects).torque_gain)
 
 
 def catalogue(

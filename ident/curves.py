@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.campaign import Array
-from ident.candidates import Candidate, acting_torque, bounds, side_of, units
+from ident.candidates import Candidate, bounds, side_of, units
 from ident.effects.base import Effect
 from ident.effects.learned import KINDS, VARIABLES, Learned, learned, of_place, variable
 from ident.effects.response import Response, response
@@ -111,7 +111,7 @@ def _gains(lin: Linearised, kind: type[Response], joint: int) -> tuple[Complex, 
         live = one.scene.arm.live.tolist()
         pushed: list[Complex | None] = [None] * len(kind.knots)
         if joint in live:
-            signal = (acting_torque(lin, at) if port == "motor" else one.scene.theta)[:, live.index(joint)]
+            signal = (lin.acting_torque(at) if port == "motor" else one.scene.theta)[:, live.index(joint)]
             pushed = [lin.ports[at][port, joint] * (signal * shape)[:, None] for shape in kind.shapes(one.scene.s).T]
         for column, push in zip(
             columns, (*pushed, *(None if push is None else 1j * push for push in pushed)), strict=True

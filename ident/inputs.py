@@ -68,10 +68,11 @@ def _file(given: Mapping[str, Any]) -> Path:
 def document(file: Path, made_by: str) -> dict[str, Any]:
     """Returns the JSON document in a result's `file`. IdentError, one line, naming the command that makes it."""
     try:
-        found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        found.keys()
+        found = json.loads(file.read_text(encoding="utf-8"))
+        if not isinstance(found, dict):
+            raise TypeError(f"found a {type(found).__name__}, expected an object")
     except OSError:
         raise IdentError(f"{file}: no such file; expected what {made_by} wrote") from None
-    except (ValueError, AttributeError) as error:
+    except (ValueError, TypeError) as error:
         raise IdentError(f"{file}: not a result: {error}; run {made_by}") from None
     return found

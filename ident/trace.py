@@ -82,6 +82,11 @@ class Linearised:
         here = [in_record(p, effects, one.index) for one in self.problem.data]
         return tuple((p, known(scene, p, effects)) for scene, p in zip(self.scenes, here, strict=True))
 
+    def acting_torque(self, at: int) -> Complex:
+        """The motors' torques in record `at` [L, m] as they act: behind the gains that the fit has already, and held."""
+        effects = self.problem.effects_at(self.vector)
+        return self.scenes[at].acting_torque(linear_extra(self.scenes[at], self.arms[at][0], effects).torque_gain)
+
     @cached_property
     def chi2(self) -> float:
         return 2.0 * sum(float(np.vdot(r, r).real) for r in self.r)

@@ -197,7 +197,7 @@ def _besides(bench: Bench, state: State, lin: Linearised, progress: Callable[[st
     tried: list[Tried] = []
     for likely in besides(lin, state.effects):
         if not bench.late and all(left_by(one) > HALF * state.select for one in tried):
-            refits = [replace(with_candidate(bench, state, c, lin), outer=FULLY, roughly=FINELY) for c in likely]
+            refits = [replace(with_candidate(state, c, lin), outer=FULLY, roughly=FINELY) for c in likely]
             tried += zip(likely, all_fitted(bench, refits), strict=True)
     for _, new in tried:
         progress(f"  beside what rubs, {told(new.effects[-1])}: {excess(bench, new):.4g}")
@@ -370,7 +370,7 @@ def _other_whole(bench: Bench, state: State, progress: Callable[[str], None]) ->
     if not any(p.whole for p in effect.parameters):
         return state
     plain, lin = standing(bench, state, but_last(state))
-    refits = [with_candidate(bench, plain, candidate, lin) for candidate in otherwise(lin, effect)]
+    refits = [with_candidate(plain, candidate, lin) for candidate in otherwise(lin, effect)]
     best = min(all_fitted(bench, refits), key=lambda other: other.select, default=state)
     if best.select >= state.select:
         return state

@@ -24,7 +24,7 @@ def by_few_lines(
     bench: Bench, state: State, lin: Linearised, likely: Sequence[Candidate], progress: Callable[[str], None]
 ) -> list[Tried]:
     """The best two of many candidates, by few lines, refitted as others are."""
-    refits = [replace(with_candidate(bench, state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
+    refits = [replace(with_candidate(state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
     left = [new.select for new in all_fitted(bench, refits)]
     best = sorted(zip(left, range(len(left)), strict=True))[:BEST]
     return refitted(bench, state, [(likely[k], lin) for _, k in best], progress)
@@ -35,7 +35,7 @@ def refitted(
 ) -> list[Tried]:
     """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted; once one leaves nothing, where
     there was much, none that promises much less."""
-    refits = [with_candidate(bench, state, candidate, origin) for candidate, origin in short]
+    refits = [with_candidate(state, candidate, origin) for candidate, origin in short]
     candidates, whole = [candidate for candidate, _ in short], 0.0
     tried: list[Tried] = []
     for candidate, new in zip(candidates, all_fitted(bench, refits), strict=True):
@@ -66,7 +66,7 @@ def again(bench: Bench, state: State, earlier: Sequence[State], progress: Callab
     return tried
 
 
-def with_candidate(bench: Bench, state: State, candidate: Candidate, lin: Linearised) -> Refit:
+def with_candidate(state: State, candidate: Candidate, lin: Linearised) -> Refit:
     """The model with a candidate, to be refitted hastily."""
     unit = units(lin, type(candidate.effect), candidate.effect.joint)
     limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))

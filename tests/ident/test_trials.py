@@ -133,7 +133,7 @@ def test_what_promises_much_less_than_what_leaves_nothing_is_not_tried(
     promised = [900.0, 500.0, 460.0, 440.0, 50.0]
     levels = dict(zip(names, [left, *[20.0] * 4], strict=True))
     short = [(SimpleNamespace(effect=e, gain=gain), None) for e, gain in zip(names, promised, strict=True)]
-    monkeypatch.setattr(ident.tried, "with_candidate", lambda bench, state, candidate, origin: candidate.effect)
+    monkeypatch.setattr(ident.tried, "with_candidate", lambda state, candidate, origin: candidate.effect)
     monkeypatch.setattr(ident.tried, "all_fitted", lambda bench, refits: (one(e, levels[e])[1] for e in refits))
     found = refitted(BENCH, one(DRY, 30.0)[1], short, lambda line: None)  # type: ignore[arg-type]
     assert [candidate.effect for candidate, _ in found] == names[: last + 1]
