@@ -89,7 +89,9 @@ def _diagnosed(
         if found.left <= NAMED and _things(found) <= HALF * _things(simple):  # what needs fewer causes is likelier
             return found, notes
     if not explained and (
-        alone or (not general.bench.late and excess(*general.beside(simple.end, simple.split)) < BETTER * simple.left)
+        far
+        or alone
+        or (not general.bench.late and excess(*general.beside(simple.end, simple.split)) < BETTER * simple.left)
     ):
         found = by_general()
         if alone or found.left < BETTER * simple.left:

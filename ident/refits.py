@@ -159,6 +159,8 @@ def first(bench: Bench) -> State:
 
 
 def fitted(bench: Bench, refit: Refit) -> State:
+    """The model of `refit` at its minimum; chi^2 infinite where its response is no number. Its problem has the lines and samples that were
+    fitted: of a hasty fit few."""
     hasty = refit.roughly == HASTILY
     more = (refit.effects, refit.scales, refit.limits, FEW_TURNS if hasty else TURNS)
     fit, select = bench.split.fit, bench.split.select
@@ -187,6 +189,7 @@ def fitted(bench: Bench, refit: Refit) -> State:
         nothing = np.zeros((len(refit.vector), len(refit.vector)))
         minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
     effects, left = problem.effects_at(minimum.vector), chi2 * whole[1]
+    problem = replace(problem, turns=TURNS)  # what it is asked later it tells as closely as any
     return State(effects, refit.scales, refit.limits, minimum, problem, left, refit.roughly)
 
 

@@ -176,7 +176,8 @@ def _entered(
         less = fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=new.roughly))
         state = less if less.select < state.select else state
     gain = state.select - new.select
-    little = gain < CURVE_SHARE * first and not (excess(bench, state) > BY_ALL and excess(bench, new) <= CLOSE)
+    share = CURVE_SHARE * max(first - degrees(bench.split.select), 0.0)
+    little = gain < share and not (excess(bench, state) > BY_ALL and excess(bench, new) <= CLOSE)
     if not earned(bench, state, new, first) or (is_curve(best) and little):
         return None
     return new, _entry(bench, state, new, gain, tried, lin, new.effects[-1])

@@ -163,16 +163,23 @@ def test_links_that_do_without_two_effects_are_taken(
 
 
 @pytest.mark.parametrize(
-    ("by_general", "beside", "named", "order", "believed"),
+    ("by_general", "by_zeros", "beside", "named", "order", "believed"),
     [
-        (1.0, 9.0, False, [False], False),  # links that are not symmetric beside an effect
-        (1.0, 1.0, False, [False, True], True),  # the effect does without them
-        (1.0, 9.0, True, [False, True], True),  # another in their place, as a zero that is off
-        (5.0, 9.0, False, [False, True], True),  # they leave something
+        (1.0, 1.0, 9.0, False, [False], False),  # links that are not symmetric beside an effect
+        (1.0, 1.0, 1.0, False, [False, True], True),  # the effect does without them
+        (1.0, 1.5, 2.5, False, [False, True], False),  # they explain, and the zeros believed do not
+        (1.0, 1.0, 9.0, True, [False, True], True),  # another in their place, as a zero that is off
+        (5.0, 1.0, 9.0, False, [False, True], True),  # they leave something
     ],
 )
 def test_links_that_leave_far_less_without_effects_come_first(
-    monkeypatch: pytest.MonkeyPatch, by_general: float, beside: float, named: bool, order: list[bool], believed: bool
+    monkeypatch: pytest.MonkeyPatch,
+    by_general: float,
+    by_zeros: float,
+    beside: float,
+    named: bool,
+    order: list[bool],
+    believed: bool,
 ) -> None:
     runs: list[bool] = []
 
@@ -181,10 +188,11 @@ def test_links_that_leave_far_less_without_effects_come_first(
 
         def diagnosed(*_: object) -> Left:
             runs.append(zeros)
-            return Left(model, 1.0 if zeros else by_general, 1)
+            return Left(model, by_zeros if zeros else by_general, 1)
 
+        bench = SimpleNamespace(late=False)
         return SimpleNamespace(
-            departs=True, alone=90.0 if zeros else 9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside)
+            departs=True, alone=90.0 if zeros else 9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside), bench=bench
         )
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
