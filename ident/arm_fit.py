@@ -302,6 +302,11 @@ def _by_impedance(
     return by_impedance(arm, p, s, extra, theta, (Z[1:] - Z[0]) / step) @ weights[: len(changed)]
 
 
+def whitened_by(W: Complex, r: Complex) -> Complex:
+    """Returns angles r [L, m, rad] in units of their noise [L, m, 1], by whitening matrices W [L, m, m, 1/rad]."""
+    return (W @ r[..., None])[..., 0]
+
+
 def chi_squared(problem: Problem, vector: Array, held: Sequence[Held]) -> float:
     """chi^2 of all records; infinite where the arm is not one (J not positive, numbers beyond numbers)."""
     total = unexpected(problem, vector)[0]
@@ -319,7 +324,7 @@ def chi_squared_of(problem: Problem, vector: Array, one: Evidence, kept: Held) -
         if not np.isfinite(J).all() or np.linalg.eigvalsh(J)[0] <= 0.0:
             return float(np.inf)
         r = residual(problem, vector, one, kept.moved, judged=True)[0]
-        chi2 = 2.0 * float(np.sum(np.abs(kept.W[one.use] @ r[..., None]) ** 2))
+        chi2 = 2.0 * float(np.sum(np.abs(whitened_by(kept.W[one.use], r)) ** 2))
     return chi2 if np.isfinite(chi2) else float(np.inf)
 
 
@@ -328,7 +333,7 @@ def whitened(problem: Problem, vector: Array, one: Evidence, kept: Held) -> tupl
     r, slopes, columns = residual(problem, vector, one, kept.moved, derive=True, judged=True)
     W = kept.W[one.use]
     A = (W @ (slopes * problem.scale[columns])).reshape(-1, len(columns))
-    return (W @ r[..., None]).ravel(), A, columns
+    return whitened_by(W, r).ravel(), A, columns
 
 
 def unexpected(problem: Problem, vector: Array) -> tuple[float, Array, Array]:

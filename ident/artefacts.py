@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm_fit import Held, Problem, hold, residual
+from ident.arm_fit import Held, Problem, hold, residual, whitened_by
 from ident.campaign import Array
+from ident.departures import Band
 from ident.diagnose import Diagnosis
 from ident.evidence import Evidence
 
@@ -26,35 +27,34 @@ CLEAR, LEAST = 3.0, 10
 
 @dataclass(frozen=True)
 class Artefact:
-    """Torque of a joint (from 0) in a band [Hz] at its even or odd detection lines: `left` is the chi^2 without it in shares of
+    """Torque of a joint (from 0) in a band at its even or odd detection lines: `left` is the chi^2 without it in shares of
     that with it, `share` the torque in shares of that at the excited lines, rms."""
 
     joint: int
-    low: float
-    high: float
+    band: Band
     even: bool
     left: float
     share: float
 
 
-def artefacts(d: Diagnosis, bands: Sequence[tuple[float, float]]) -> tuple[Artefact, ...]:
+def artefacts(d: Diagnosis, bands: Sequence[Band]) -> tuple[Artefact, ...]:
     """Returns where the excited motor's torque at detection lines, as it was read, moves nothing, in these bands."""
     problem, vector = d.end.problem, d.end.minimum.vector
     every = {one.index: replace(one, judged=None) for one in d.split.fit + d.split.select + d.split.report}
     records = tuple(every.values())
-    rows: dict[tuple[int, float, float, bool], Array] = {}
+    rows: dict[tuple[int, Band, bool], Array] = {}
     for one, held in zip(records, hold(replace(problem, data=records), vector), strict=True):
-        k = int(np.flatnonzero(one.scene.arm.live == one.excited)[0])
+        k = one.place
         size = np.abs(one.scene.tau[:, k]) ** 2
         largest = float(size[one.is_excited].mean())
         for even in (False, True):
             lines = ~one.is_excited & (one.scene.lines % 2 == (0 if even else 1))
             left = [_chi2(problem, vector, o, held) for o in (one, _without(one, lines, k))]
-            for low, high in bands:
-                use = lines & (one.sampling.f >= low) & (one.sampling.f < high)
+            for band in bands:
+                use = lines & band.has(one.sampling.f)
                 if 2 * int(use.sum()) >= LEAST and size[use].mean() > (CLEAR * one.scene.noise[0, k]) ** 2:
                     row = np.array([left[0][use].sum(), left[1][use].sum(), size[use].mean() / largest, 1.0])
-                    rows[one.excited, low, high, even] = rows.get((one.excited, low, high, even), np.zeros(4)) + row
+                    rows[one.excited, band, even] = rows.get((one.excited, band, even), np.zeros(4)) + row
     return tuple(
         Artefact(*key, float(row[1] / row[0]), float(np.sqrt(row[2] / row[3])))
         for key, row in rows.items()
@@ -72,4 +72,4 @@ def _without(one: Evidence, lines: NDArray[np.bool_], k: int) -> Evidence:
 def _chi2(problem: Problem, vector: Array, one: Evidence, held: Held) -> Array:
     """chi^2 [L] of a record at its lines."""
     r = residual(problem, vector, one, held.moved)[0]
-    return np.asarray(2.0 * np.sum(np.abs((held.W @ r[..., None])[..., 0]) ** 2, axis=1))
+    return np.asarray(2.0 * np.sum(np.abs(whitened_by(held.W, r)) ** 2, axis=1))

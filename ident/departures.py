@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import compress, pairwise
+from math import inf, isinf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm_fit import Held, hold, residual
+from ident.arm_fit import Held, hold, residual, whitened_by
 from ident.campaign import Array
 from ident.effects.base import Effect
 from ident.evidence import Evidence
 from ident.parts import Split
 from ident.refits import Bench, State
 
-#: Bands [Hz] in which errors are told, as far as the records reach.
-EDGES = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+#: Where bands [Hz] in which errors are told meet; the last has no end, as nothing limits how far records reach.
+EDGES = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, inf)
 #: chi^2 per degree of freedom of a group of lines above which the arm is not explained; more where a group has
 #: fewer degrees than the second, and the least of them.
 DEPARTURE, FULL_DOF, LEAST_DOF = 3.0, 40, 10
@@ -26,9 +28,32 @@ DEPARTURE, FULL_DOF, LEAST_DOF = 3.0, 40, 10
 LOUD = 4.0
 
 
+class Band(NamedTuple):
+    """Frequencies from `low` [Hz] to below `high`; that is infinite for a band without end."""
+
+    low: float
+    high: float
+
+    @property
+    def name(self) -> str:
+        return f"above {self.low:g} Hz" if isinf(self.high) else f"{self.low:g}-{self.high:g} Hz"
+
+    def has(self, f: Array) -> NDArray[np.bool_]:
+        """Which of some frequencies f [L, Hz] are in it [L]."""
+        return np.asarray((f >= self.low) & (f < self.high))
+
+
+def in_bands(f: Array) -> Iterator[tuple[Band, NDArray[np.bool_]]]:
+    """Returns every band that has any of the frequencies f [L, Hz], lowest first, and which are in it [L]."""
+    for low, high in pairwise(EDGES):
+        band = Band(low, high)
+        if (inside := band.has(f)).any():
+            yield band, inside
+
+
 @dataclass(frozen=True)
 class Errors:
-    """Relative rms of theta - G tau over the excited lines: of all, per joint, per band; and what noise alone makes of it.
+    """Relative rms of theta - G tau over the excited lines: of all, per joint, per band; and what noise alone makes of each.
 
     But for bands, lines whose noise is over `LOUD` times the median one of their joint are left out: the rms over
     hundreds of lines would be the noise of one.
@@ -38,15 +63,17 @@ class Errors:
     per_joint: dict[str, float]
     per_band: dict[str, float]
     noise: float
+    noise_per_joint: dict[str, float]
+    noise_per_band: dict[str, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Departure:
-    """A group of lines that stays unexplained: joint measured, band [Hz], kind of line, chi^2 per degree of freedom."""
+    """A group of lines that stays unexplained: joint measured, band [Hz], kind of line, chi^2 per degree of freedom, and its share of
+    what stays."""
 
     joint: int
-    low: float
-    high: float
+    band: Band
     kind: str
     level: float
     share: float
@@ -66,7 +93,7 @@ def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[H
     squares: list[tuple[int, Array, Array, Array]] = []
     for one, kept in zip(data, held, strict=True):
         r, W = residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W
-        k = int(np.flatnonzero(one.scene.arm.live == one.excited)[0])
+        k = one.place
         use = one.is_excited & one.use
         size = np.maximum(np.abs(one.scene.theta[use, k]) ** 2, 1e-300)
         inverse = np.linalg.inv(W[use])
@@ -79,14 +106,13 @@ def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[H
     def rms(values: Array) -> float:
         return float(np.sqrt(values.mean()))
 
+    def parts(values: Array) -> tuple[float, dict[str, float], dict[str, float]]:
+        """Of all, per joint, per band."""
+        per_joint = {names[j]: rms(values[quiet & (joints == j)]) for j in np.unique(joints).tolist()}
+        return rms(values[quiet]), per_joint, {band.name: rms(values[inside]) for band, inside in in_bands(f)}
+
     names = bench.campaign.joints
-    return Errors(
-        rms(error[quiet]),
-        {names[j]: rms(error[quiet & (joints == j)]) for j in np.unique(joints).tolist()},
-        {f"{a:g}-{b:g} Hz": rms(error[(f >= a) & (f < b)]) for a, b in pairwise(EDGES)
-         if np.any((f >= a) & (f < b))},
-        rms(noise[quiet]),
-    )  # fmt: skip
+    return Errors(*parts(error), *parts(noise))
 
 
 def told_of(split: Split, effects: Sequence[Effect], data: Sequence[Evidence]) -> tuple[Evidence, ...]:
@@ -109,8 +135,8 @@ def loud(joints: NDArray[np.int64], noise: Array) -> NDArray[np.bool_]:
     return found
 
 
-def groups(state: State, data: Sequence[Evidence]) -> list[tuple[int, int, float, float, str, float, float]]:
-    """Groups of lines beyond `DEPARTURE`: (record, joint, low, high, kind, level, chi^2 in excess).
+def groups(state: State, data: Sequence[Evidence]) -> list[tuple[int, int, Band, str, float, float]]:
+    """Groups of lines beyond `DEPARTURE`: (record, joint, band, kind, level, chi^2).
 
     The level is without the line that departs most: one alone is an outlier, no effect.
     """
@@ -118,21 +144,20 @@ def groups(state: State, data: Sequence[Evidence]) -> list[tuple[int, int, float
     held = hold(problem, state.minimum.vector)
     found = []
     for one, kept in zip(data, held, strict=True):
-        r, W = residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W
-        power = 2.0 * np.abs((W @ r[..., None])[..., 0]) ** 2
+        r = residual(problem, state.minimum.vector, one, kept.moved)[0]
+        power = 2.0 * np.abs(whitened_by(kept.W, r)) ** 2
         odd = one.scene.lines % 2 == 1
         kinds = {"excited": one.is_excited, "odd": odd & ~one.is_excited, "even": ~odd & ~one.is_excited}
-        f = one.sampling.f
-        for low, high in pairwise(EDGES):
+        for band, inside in in_bands(one.sampling.f):
             for kind, which in kinds.items():
-                use = which & one.use & (f >= low) & (f < high)
+                use = which & one.use & inside
                 if 2 * int(use.sum()) < LEAST_DOF:
                     continue
                 for k, joint in enumerate(one.scene.arm.live.tolist()):
                     here = power[use, k]
                     level = float((here.sum() - here.max()) / (len(here) - 1) / 2.0)
                     if level > DEPARTURE * max(1.0, FULL_DOF / (2 * int(use.sum()))):
-                        found.append((one.index, joint, low, high, kind, level, float(here.sum())))
+                        found.append((one.index, joint, band, kind, level, float(here.sum())))
     return found
 
 
@@ -140,12 +165,10 @@ def departures(bench: Bench, state: State) -> tuple[Departure, ...]:
     """What stays unexplained on the choosing and reporting records: joints, bands and kinds of line, largest share first."""
     data = bench.split.select + bench.split.report
     found = groups(state, data)
-    total = sum(group[6] for group in found)
-    merged: dict[tuple[int, float, float, str], list[float]] = {}
-    for _, joint, low, high, kind, level, power in found:
-        entry = merged.setdefault((joint, low, high, kind), [0.0, 0.0])
+    total = sum(group[-1] for group in found)
+    merged: dict[tuple[int, Band, str], list[float]] = {}
+    for _, joint, band, kind, level, power in found:
+        entry = merged.setdefault((joint, band, kind), [0.0, 0.0])
         entry[0], entry[1] = max(entry[0], level), entry[1] + power
-    rows = [
-        Departure(j, low, high, kind, level, power / total) for (j, low, high, kind), (level, power) in merged.items()
-    ]
+    rows = [Departure(j, band, kind, level, power / total) for (j, band, kind), (level, power) in merged.items()]
     return tuple(sorted(rows, key=lambda d: -d.share))

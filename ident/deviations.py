@@ -14,6 +14,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import chdtri
 
@@ -21,6 +22,7 @@ from ident.arm_fit import Problem, spectrum
 from ident.arm_model import DRIVES
 from ident.campaign import Array, Campaign
 from ident.descent import Minimum
+from ident.effects.catalogue import CATALOGUE
 from symgen.chain import Chain
 from symgen.plan import Model
 
@@ -34,10 +36,20 @@ NONE = 1e-6
 CHANCE = 1e-6
 #: Several links are off, rather than one, when any one leaves more than so many times what chance does.
 SEVERAL = 2.0
+#: Which effect of the catalogue, of one parameter, a number of a drive is that is off.
 NAMES = {"J_m": "motor-inertia", "D": "motor-viscous", "D_spring": "spring-damping"}
-PORTS = {"motor-inertia": "motor", "motor-viscous": "motor", "spring-damping": "spring", "payload": "link",
-         "inertial-parameters": "link", "gravity-stiffness": "link"}  # fmt: skip
-UNITS = {"J_m": ("inertia", "kgm2"), "D": ("damping", "Nms/rad"), "D_spring": ("damping", "Nms/rad")}
+#: An accuracy is granted to a constant as though it were this share of the largest at least: a share of zero would grant none.
+LEAST_CONSTANT = 1e-3
+#: Variance along a direction that no record shows, in squares of its scale: so much that what lies there decides nothing.
+UNKNOWN = 1e6
+#: Postures at which J(q) is compared, and their seed: the rms over more is the same to 3 %.
+POSTURES, SEED = 200, 0
+#: A load that is looked for begins at this mass [kg] and this share of the longest link from the last joint.
+LOAD, AWAY = 0.5, 0.3
+#: A large step of it: this share of the longest link, and so much [m] where no link has a length; of a body's share or gravity's.
+AWAY_STEP, LEAST_STEP, SHARE_STEP = 0.1, 1e-3, 0.1
+#: Singular value of what a body's parameters do, of the largest, below which it is rounding.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -60,8 +72,8 @@ BESIDE = Granted(J_m=1e-2, D=0.1, D_spring=0.1, J=5e-3, constants=2e-3)
 @dataclass(frozen=True, eq=False)
 class Deviation:
     """A declared number that is off: a name of the catalogue, its joint (from 0; None: the arm), (parameter, value, std,
-    unit) each, how many standard deviations off, the parameters (`indices`) that it changed and by how much: taken off, it is
-    undone.
+    unit) each, how many standard deviations off, the places (`indices` [k]) in the vector of the parameters that it changed and by
+    how much (`change` [k]): taken off, it is undone.
 
     `tied` are other (name, joint) that explain it as well.
     """
@@ -70,7 +82,7 @@ class Deviation:
     joint: int | None
     values: tuple[tuple[str, float, float, str], ...]
     sigmas: float
-    indices: Array
+    indices: NDArray[np.int64]
     change: Array
     tied: tuple[tuple[str, int | None], ...] = ()
 
@@ -101,7 +113,7 @@ def _drives(
     result = []
     for block, field in enumerate(DRIVES):
         declared = getattr(campaign, field)
-        if field == "K" or declared is None:
+        if field not in NAMES:
             continue
         for j in range(n):
             k, now, was = block * n + j, float(getattr(p, field)[j]), float(declared[j])
@@ -110,19 +122,11 @@ def _drives(
             std = float(np.sqrt(covariance[k, k])) * now
             off = now - was
             if abs(off) > SIGMAS * std and abs(off) > getattr(granted, field) * was:
-                name, unit = UNITS[field]
-                if field == "D_spring" and chain.slides(j):
-                    unit = "Ns/m"
-                result.append(
-                    Deviation(
-                        NAMES[field],
-                        j,
-                        ((name, off, std, unit),),
-                        abs(off) / std,
-                        np.array([k]),
-                        np.log([now / max(was, NONE * now)]),
-                    )
-                )
+                kind = CATALOGUE[NAMES[field]]
+                (parameter,) = kind.parameters
+                values = ((parameter.name, off, std, kind.unit(parameter, chain.slides(j))),)
+                change = np.log([now / max(was, NONE * now)])
+                result.append(Deviation(kind.name, j, values, abs(off) / std, np.array([k]), change))
     return result
 
 
@@ -136,9 +140,9 @@ def _links(
     was = np.concatenate([model.alpha_cad, basis @ phi])
     off = found.vector[where] - was
     C = covariance[np.ix_(where, where)]
-    C = C + np.diag((granted.constants * np.maximum(np.abs(was), np.abs(was).max() * 1e-3)) ** 2)
+    C = C + np.diag((granted.constants * np.maximum(np.abs(was), np.abs(was).max() * LEAST_CONSTANT)) ** 2)
     if hidden.size:
-        C = C + 1e6 * hidden[where] @ hidden[where].T
+        C = C + UNKNOWN * hidden[where] @ hidden[where].T
     white: Array = np.linalg.inv(np.linalg.cholesky(C))
     y = white @ off
     alone = chdtri(len(y), CHANCE)
@@ -166,14 +170,15 @@ def _gravity(off: Array, was: Array, C: Array, where: Array) -> list[Deviation]:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """By how much the constants alpha and of gravity, the parameters `where`, came `off` what they were; `white` whitens it."""
+    """By how much the constants alpha and of gravity, the parameters at places `where` [D + r], came `off` [D + r] what they `was`
+    [D + r]; `white` [D + r, D + r] whitens it."""
 
     model: Model
     basis: Array
     white: Array
     off: Array
     was: Array
-    where: Array
+    where: NDArray[np.int64]
 
     @cached_property
     def y(self) -> Array:
@@ -182,7 +187,7 @@ class Change:
     @cached_property
     def of_J(self) -> float:
         """By how much J(q) changed: rms over postures of the entry that did most, relative to sqrt(J_ii J_jj)."""
-        D, q = len(self.model.factoring.W), self.model.random_postures(200, np.random.default_rng(0))
+        D, q = len(self.model.factoring.W), self.model.random_postures(POSTURES, np.random.default_rng(SEED))
         diagonal = np.sqrt(np.einsum("pii->pi", self.model.J_cad(q)))
         J = self.model.J(q, self.off[:D]) / (diagonal[:, :, None] * diagonal[:, None, :])
         return float(np.sqrt(np.mean(J**2, axis=0)).max())
@@ -243,11 +248,11 @@ class Change:
         """(level, parameters, their stds) of the best explanation by some parts, None where a mass would be negative."""
         reach = max(float(np.linalg.norm(joint.p)) for joint in self.model.chain.joints)
         loads = [part.numbers - 1 for part in parts if part.is_load]
-        m = loads[0] if loads else 0
+        m, step = loads[0] if loads else 0, AWAY_STEP * reach + LEAST_STEP
         best = None
-        for point in np.concatenate([np.eye(m), -np.eye(m), np.zeros((1, m))]) * 0.3 * reach:
-            start = np.concatenate([[0.5, *point] if part.is_load else [0.0] for part in parts])
-            scale = np.concatenate([[0.5, *[0.1 * reach + 1e-3] * m] if part.is_load else [0.1] for part in parts])
+        for point in np.concatenate([np.eye(m), -np.eye(m), np.zeros((1, m))]) * AWAY * reach:
+            start = np.concatenate([[LOAD, *point] if part.is_load else [0.0] for part in parts])
+            scale = np.concatenate([[LOAD, *[step] * m] if part.is_load else [SHARE_STEP] for part in parts])
             fit = least_squares(lambda x: self.y - self.white @ self.by(parts, x).sum(axis=0), start, x_scale=scale)
             if best is None or fit.cost < best.cost:
                 best = fit
@@ -351,8 +356,8 @@ def _told(
 def _any_body(change: Change, body: int) -> tuple[float, Array]:
     """(level, ten parameters) of the change of one body that explains most."""
     A = change.white @ change.rows[:, 10 * body : 10 * body + 10]
-    phi, *_ = np.linalg.lstsq(A, change.y, rcond=1e-9)
-    rank = int(np.linalg.matrix_rank(A, tol=1e-9 * np.linalg.norm(A)))
+    phi, *_ = np.linalg.lstsq(A, change.y, rcond=ROUNDING)
+    rank = int(np.linalg.matrix_rank(A, tol=ROUNDING * np.linalg.norm(A)))
     return change.level(float(np.sum((change.y - A @ phi) ** 2)), rank), phi
 
 

@@ -90,6 +90,11 @@ class Diagnosis:
     status: str
 
     @property
+    def first(self) -> State:
+        """The model that the errors `before` are those of."""
+        return _first(self.start, self.added, self.off)
+
+    @property
     def left(self) -> float:
         """chi^2 per degree of freedom on the choosing records."""
         return self.end.select / max(degrees(self.split.select), 1)
@@ -176,7 +181,7 @@ class Begun:
         start = state if found is start else _better(start, added)
         final = _as_found(state, added, contradictions)
         told = told_of(bench.split, state.effects, bench.split.report)
-        before = errors(bench, off[0].without if off and not final else start, told)
+        before = errors(bench, _first(start, final, off), told)
         after = errors(bench, state, told)
         if final:
             final = (*final[:-1], replace(final[-1], after=after.all))
@@ -185,6 +190,11 @@ class Begun:
         return Diagnosis(
             campaign, model, self.responses, bench.split, start, state, final, off, before, after, left, status
         )
+
+
+def _first(start: State, added: Sequence[Added], off: Sequence[Off]) -> State:
+    """The arm without effects; where only declared numbers are off, with those as declared."""
+    return off[0].without if off and not added else start
 
 
 def _as_found(state: State, added: Sequence[Added], contradictions: Sequence[Off]) -> tuple[Added, ...]:

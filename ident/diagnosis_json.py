@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +13,20 @@ import numpy as np
 
 from ident.added import Added
 from ident.arm_model import DRIVES
-from ident.artefacts import artefacts
 from ident.campaign import Array, Campaign
 from ident.choice import LEAST_SHARE
 from ident.confounded import NEVER, Separation, never_told_apart, separation
 from ident.contradicted import Off
 from ident.coupled import degrees_of_freedom, uncertainty
 from ident.departures import Errors, told_of
-from ident.deviations import PORTS as DECLARED_PORTS
 from ident.deviations import SIGMAS
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect
 from ident.effects.carried import of_declared_links
+from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Learned
 from ident.evidence import Evidence
-from ident.held_out import carried, held_out, noise_floor, sources
+from ident.held_out import carried
 from ident.inputs import told
 from ident.links import nearest_links
 from ident.minima import LEAST_GAIN
@@ -34,6 +34,7 @@ from ident.parts import degrees
 from ident.plain import plain, replace_file
 from ident.refits import State
 from ident.solve import inertia_std
+from ident.unexplained import unexplained
 from symgen.plan import Model
 
 FORMAT, VERSION = "frf-verdict", 1
@@ -41,8 +42,8 @@ FORMAT, VERSION = "frf-verdict", 1
 FILE = "verdict.json"
 #: Postures at which J(q) before and after is compared, and their seed.
 POSTURES, SEED = 1000, 0
-#: A port explains what is left when a free force there takes this share of it.
-SOURCE = 0.5
+#: Share of a constant in a direction that no record shows up to which it is known: rounding.
+SHOWN = 1e-6
 #: A rival that leaves at most this times the held-out error is not told apart by these records.
 AS_GOOD = 1.02
 #: A joint moves no other whose J_ij is below this part of its J_ii.
@@ -59,8 +60,7 @@ def verdict_document(
     `files` are where the records were read, first the campaign's own; `made_with` the options of the command. Units as in the catalogue of effects; errors are relative rms of the excited joint's
     angle at the excited lines of the records that report, but for bands without the few lines that are mostly noise.
     """
-    joints, records = d.campaign.joints, d.campaign.records
-    per_joint, per_band = noise_floor(held_out(d), joints)
+    records = d.campaign.records
     reported = told_of(d.split, d.end.effects, d.split.report)
     kinds = {"fit": d.split.fit, "select": d.split.select, "report": reported}
     split = {kind: [records[one.index].id for one in those] for kind, those in kinds.items()} | {
@@ -84,8 +84,8 @@ def verdict_document(
             "before": _errors(d.before),
             "after": _errors(d.after),
             "noise_floor": d.after.noise,
-            "noise_per_joint": per_joint,
-            "noise_per_band": per_band,
+            "noise_per_joint": d.after.noise_per_joint,
+            "noise_per_band": d.after.noise_per_band,
         },
         "inertia": _inertia(d),
         "drives": _drives(d),
@@ -113,7 +113,7 @@ def result_document(d: Diagnosis, seconds: Mapping[str, float]) -> dict[str, Any
     where the time went."""
     problem, found, model = d.end.problem, d.end.minimum, d.model
     p = problem.parameters(found.vector)
-    covariance, unseen, _ = uncertainty(problem, found)
+    covariance, unseen, _ = _uncertainty(d.end)
     data = max(problem.data, d.split.fit, key=degrees)  # chi^2 is as all of their lines would have it
     dof, limit = degrees_of_freedom(replace(problem, data=data), found)
     links = nearest_links(model, p.alpha, covariance, unseen)
@@ -150,10 +150,16 @@ def result_document(d: Diagnosis, seconds: Mapping[str, float]) -> dict[str, Any
     return result
 
 
+@lru_cache(maxsize=2)  # both documents ask for that of the last model
+def _uncertainty(state: State) -> tuple[Array, Array, Array]:
+    """Covariance of alpha, directions of it that no record shows, standard deviations of all parameters: see `uncertainty`."""
+    return uncertainty(state.problem, state.minimum)
+
+
 def _drives(d: Diagnosis) -> dict[str, Any]:
     """K, J_m, D, D_spring of the corrected arm, with standard deviations."""
     p, n = d.end.problem.parameters(d.end.minimum.vector), d.campaign.n
-    std = uncertainty(d.end.problem, d.end.minimum)[2]
+    std = _uncertainty(d.end)[2]
     return {
         name: {"value": values, "std": std[block * n : (block + 1) * n] * values}
         for block, name in enumerate(DRIVES)
@@ -262,7 +268,7 @@ def _off(d: Diagnosis, off: Off) -> dict[str, Any]:
     return {
         "name": one.name,
         "joint": _joint(c, one.joint),
-        "port": DECLARED_PORTS[one.name],
+        "port": CATALOGUE[one.name].port,
         "declared": True,
         "parameters": values,
         "before": off.before,
@@ -316,17 +322,16 @@ def _moves_no_other(model: Model, joint: int) -> bool:
 def _inertia(d: Diagnosis) -> dict[str, Any]:
     """alpha before and after, and by how much J(q) was wrong at random postures, before and by CAD, relative to CAD's
     sqrt(J_ii J_jj); nothing for entries that need a constant no record shows."""
-    first = d.off[0].without if d.off and not d.added else d.start
     q = d.model.random_postures(POSTURES, np.random.default_rng(SEED))
-    before, after = (d.model.J(q, state.problem.parameters(state.minimum.vector).alpha) for state in (first, d.end))
+    before, after = (d.model.J(q, state.problem.parameters(state.minimum.vector).alpha) for state in (d.first, d.end))
     cad = d.model.J_cad(q)
     diagonal = np.sqrt(np.einsum("pii->pi", cad))
     size = diagonal[:, :, None] * diagonal[:, None, :]
-    covariance, unseen, _ = uncertainty(d.end.problem, d.end.minimum)
+    covariance, unseen, _ = _uncertainty(d.end)
     std = np.sqrt(np.mean((inertia_std(d.model.J_rows(q), covariance, unseen) / size) ** 2, axis=0))
     change, of_cad = (np.where(np.isfinite(std), np.abs(other - after) / size, np.nan) for other in (before, cad))
     return {
-        "alpha_before": _alpha(d.model, first),
+        "alpha_before": _alpha(d.model, d.first),
         "alpha_after": _alpha(d.model, d.end),
         "alpha_cad": d.model.alpha_cad,
         "J": {
@@ -344,7 +349,7 @@ def _inertia(d: Diagnosis) -> dict[str, Any]:
 def _alpha(model: Model, state: State) -> dict[str, Any]:
     """{name: value, std, unit}."""
     value = state.problem.parameters(state.minimum.vector).alpha
-    covariance, unseen, _ = uncertainty(state.problem, state.minimum)
+    covariance, unseen, _ = _uncertainty(state)
     std = _deviations(covariance, unseen)
     return {
         name: {"value": v, "std": s, "unit": unit}
@@ -354,40 +359,5 @@ def _alpha(model: Model, state: State) -> dict[str, Any]:
 
 def _deviations(covariance: Array, unseen: Array) -> Array:
     """Standard deviations of alpha, none for a constant that no record shows."""
-    shown = np.abs(unseen).max(axis=1, initial=0.0) <= 1e-6
+    shown = np.abs(unseen).max(axis=1, initial=0.0) <= SHOWN
     return np.where(shown, np.sqrt(np.diag(covariance)), np.nan)
-
-
-def unexplained(d: Diagnosis) -> list[dict[str, Any]]:
-    """What stays, band by band, largest first: where a free force would explain most of it, else where it is measured; odd
-    and even lines (None where the excited ones alone tell and are of both kinds); torques `unmoved` that no motion follows."""
-    bands = list(dict.fromkeys((one.low, one.high) for one in d.departures))
-    if not bands:
-        return []
-    odd_only = all(bool(np.all(record.lines % 2)) for record in d.campaign.records)
-    unmoved = artefacts(d, bands)
-    rows = []
-    for (low, high), source in zip(bands, sources(d, bands), strict=True):
-        here = [one for one in d.departures if (one.low, one.high) == (low, high)]
-        kinds = {one.kind for one in here}
-        measured = max(here, key=lambda one: one.share).joint
-        clear = source is not None and source.share > SOURCE
-        rows.append(
-            {
-                "joint": d.campaign.joints[source.joint if clear and source else measured],
-                "port": source.ports[0] if clear and source else None,
-                "ports": source.ports if clear and source else (),
-                "band_hz": [low, high],
-                "odd": True if "odd" in kinds or ("excited" in kinds and odd_only) else None if "excited" in kinds else False,
-                "even": True if "even" in kinds else None if "excited" in kinds and not odd_only else False,
-                "share": sum(one.share for one in here),
-                "chi2_per_dof": max(one.level for one in here),
-                "measured_at": sorted({d.campaign.joints[one.joint] for one in here}),
-                "source_share": source.share if source else None,
-                "unmoved": [
-                    {"joint": d.campaign.joints[one.joint], "lines": "even" if one.even else "odd", "torque_share": one.share,
-                     "left_without": one.left} for one in unmoved if (one.low, one.high) == (low, high)
-                ],
-            }
-        )  # fmt: skip
-    return sorted(rows, key=lambda row: -float(row["share"]))

@@ -45,6 +45,11 @@ class Evidence:
         return np.ones(len(self.sampling.f), dtype=bool) if self.judged is None else self.judged
 
     @property
+    def place(self) -> int:
+        """Where the excited joint is among those that move."""
+        return int(np.flatnonzero(self.scene.arm.live == self.excited)[0])
+
+    @property
     def count(self) -> int:
         """How many lines count."""
         return int(self.use.sum())

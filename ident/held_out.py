@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
-from ident.arm_fit import Problem, hold, residual
+from ident.arm_fit import Problem, hold, residual, whitened_by
 from ident.campaign import Array
-from ident.departures import EDGES, loud, told_of
+from ident.departures import in_bands, told_of
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect, has_forces
 from ident.effects.motion import Motion
@@ -21,10 +20,10 @@ from ident.evidence import Evidence
 from ident.excitation import synthesise
 from ident.frf import Complex
 from ident.refits import State, same
-from ident.trace import PORTS, Linearised, linearise
+from ident.trace import PORTS, along, linearise
 
-#: Ports of a joint that explain as much as this share of what the best one does are not told apart.
-SAME_PORT = 0.99
+#: Share of what an effect explains that a record, or a band, must have of it to be told: less is what noise makes of it.
+LEAST_CARRIED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +44,10 @@ class HeldOut:
 def held_out(d: Diagnosis) -> tuple[HeldOut, ...]:
     """Returns the records that report and that the errors of the diagnosis are told of, with the errors of the first model and of the
     last one."""
-    first = d.off[0].without if d.off and not d.added else d.start
     reported = told_of(d.split, d.end.effects, d.split.report)
     rows = []
-    for one, before, after in zip(reported, _left(first, reported), _left(d.end, reported), strict=True):
-        k = int(np.flatnonzero(one.scene.arm.live == one.excited)[0])
-        use = one.is_excited & one.use
+    for one, before, after in zip(reported, _left(d.first, reported), _left(d.end, reported), strict=True):
+        k, use = one.place, one.is_excited & one.use
         noise = np.sqrt(np.sum(np.abs(np.linalg.inv(after[1][use])[:, k]) ** 2, axis=1))
         scene = one.scene
         rows.append(
@@ -71,17 +68,6 @@ def _left(state: State, data: Sequence[Evidence]) -> list[tuple[Complex, Complex
         (residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W)
         for one, kept in zip(whole, held, strict=True)
     ]
-
-
-def noise_floor(rows: Sequence[HeldOut], joints: Sequence[str]) -> tuple[dict[str, float], dict[str, float]]:
-    """Returns what noise alone makes of the relative rms error: per joint, per band."""
-    joint = np.concatenate([np.full(len(row.f), row.joint) for row in rows])
-    f = np.concatenate([row.f for row in rows])
-    share = np.concatenate([(row.noise / np.maximum(np.abs(row.theta), 1e-150)) ** 2 for row in rows])
-    quiet = ~loud(joint, share)
-    per_joint = {joints[j]: float(np.sqrt(share[quiet & (joint == j)].mean())) for j in np.unique(joint).tolist()}
-    bands = {f"{a:g}-{b:g} Hz": (f >= a) & (f < b) for a, b in pairwise(EDGES)}
-    return per_joint, {name: float(np.sqrt(share[use].mean())) for name, use in bands.items() if use.any()}
 
 
 def without(state: State, effect: Effect) -> tuple[Problem, Array]:
@@ -126,7 +112,7 @@ def reconstructed(d: Diagnosis, effect: Effect) -> Force | None:
     lin = linearise(problem, vector, hold(problem, vector))
     key = (effect.port, effect.joint)
     powers = [
-        float(np.sum(np.abs(_along(ports[key], r)[1]) ** 2)) if key in ports else 0.0
+        float(np.sum(along(ports[key], r)[1])) if key in ports else 0.0
         for ports, r in zip(lin.ports, lin.r, strict=True)
     ]
     own = [k for k, one in enumerate(lin.problem.data) if one.excited == effect.joint] or list(range(len(powers)))
@@ -134,21 +120,19 @@ def reconstructed(d: Diagnosis, effect: Effect) -> Force | None:
     one, ports, r = lin.problem.data[at], lin.ports[at], lin.r[at]
     if key not in ports:
         return None
-    force, clear = _along(ports[key], r)
-    force = force * np.maximum(
-        1.0 - 1.0 / np.maximum(np.abs(clear) ** 2, 1.0), 0.0
-    )  # Wiener: noise, and what is doubted
+    force, clear = along(ports[key], r)
+    force = force * np.maximum(1.0 - 1.0 / np.maximum(clear, 1.0), 0.0)  # Wiener: noise, and what is doubted
     with_it = d.end.problem.data[at]
     full = hold(replace(d.end.problem, data=(with_it,)), d.end.minimum.vector)[0]
     moved = full.moved
     assert moved is not None
     motion = moved.motion
     left = residual(d.end.problem, d.end.minimum.vector, with_it, moved)[0]
-    explained = r - (lin.W[at] @ left[..., None])[..., 0]
+    explained = r - whitened_by(lin.W[at], left)
     law = _law(effect, motion)
     x, v, torque = motion.at(effect.port, effect.joint)
     if law is None:
-        shown = synthesise(with_it.scene.lines, _along(ports[key], explained)[0], len(x))
+        shown = synthesise(with_it.scene.lines, along(ports[key], explained)[0], len(x))
         level = 0.0
     else:
         shown, level = law, float(law.mean())
@@ -167,14 +151,6 @@ def _law(effect: Effect, motion: Motion) -> Array | None:
     return None if law is None else np.asarray(law)
 
 
-def _along(a: Complex, r: Complex) -> tuple[Complex, Complex]:
-    """The force [L] at a port whose unit adds `a` [L, m] to the whitened angles, from residuals r [L, m]; and the same in its
-    own standard deviations."""
-    size = np.maximum(np.sum(np.abs(a) ** 2, axis=1), 1e-300)
-    product = np.sum(a.conj() * r, axis=1)
-    return product / size, product / np.sqrt(size)
-
-
 def carried(d: Diagnosis, effect: Effect) -> tuple[dict[str, float], dict[str, float]]:
     """Returns which records, and which bands, miss the effect when it is taken out of the last model: shares of chi^2 on the
     records that chose it."""
@@ -186,15 +162,12 @@ def carried(d: Diagnosis, effect: Effect) -> tuple[dict[str, float], dict[str, f
     for one, kept, whole in zip(d.split.select, less, more, strict=True):
         r = residual(fewer, vector, one, kept.moved)[0]
         s = residual(full, d.end.minimum.vector, one, whole.moved)[0]
-        a, b = ((kept.W @ x[..., None])[..., 0] for x in (r, s))
+        a, b = (whitened_by(kept.W, x) for x in (r, s))
         fall = 2.0 * np.sum(np.abs(a) ** 2 - np.abs(b) ** 2, axis=1)
         name = d.campaign.records[one.index].id
         by_record[name] = by_record.get(name, 0.0) + float(fall.sum())
-        for low, high in pairwise(EDGES):
-            use = (one.sampling.f >= low) & (one.sampling.f < high)
-            if use.any():
-                band = f"{low:g}-{high:g} Hz"
-                by_band[band] = by_band.get(band, 0.0) + float(fall[use].sum())
+        for band, inside in in_bands(one.sampling.f):
+            by_band[band.name] = by_band.get(band.name, 0.0) + float(fall[inside].sum())
     total = sum(by_record.values())
     if not total > 0.0:
         return {}, {}
@@ -202,40 +175,6 @@ def carried(d: Diagnosis, effect: Effect) -> tuple[dict[str, float], dict[str, f
 
 
 def _largest(parts: dict[str, float], total: float) -> dict[str, float]:
-    """The parts above a hundredth as shares, largest first."""
+    """The parts above `LEAST_CARRIED` as shares, largest first."""
     shares = {name: part / total for name, part in sorted(parts.items(), key=lambda item: -item[1])}
-    return {name: share for name, share in shares.items() if share > 0.01}
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where a free force explains most of what is left: joint (from 0), ports, the likeliest first, and its share. A joint that
-    moves no other has several: they can not be told apart by where they act."""
-
-    joint: int
-    ports: tuple[str, ...]
-    share: float
-
-
-def sources(d: Diagnosis, bands: Sequence[tuple[float, float]]) -> list[Source | None]:
-    """Returns for each band [Hz] what would explain most of what the last model leaves there; None where nothing is left."""
-    problem, vector = d.end.problem, d.end.minimum.vector
-    lin = linearise(problem, vector, hold(problem, vector))
-    return [_source(lin, low, high) for low, high in bands]
-
-
-def _source(lin: Linearised, low: float, high: float) -> Source | None:
-    gained: dict[tuple[str, int], float] = {}
-    total = 0.0
-    for one, r, ports in zip(lin.problem.data, lin.r, lin.ports, strict=True):
-        use = one.use & (one.sampling.f >= low) & (one.sampling.f < high)
-        total += 2.0 * float(np.sum(np.abs(r[use]) ** 2)) - 2.0 * r[use].size
-        for key, a in ports.items():
-            clear = _along(a[use], r[use])[1]
-            gained[key] = gained.get(key, 0.0) + 2.0 * float(np.sum(np.abs(clear) ** 2)) - 2.0 * int(use.sum())
-    if not gained or total <= 0.0:
-        return None
-    joint = max(gained, key=lambda key: gained[key])[1]
-    best = max(gained[port, joint] for port in PORTS)
-    alike = tuple(port for port in PORTS if gained[port, joint] >= SAME_PORT * best)
-    return Source(joint, alike, best / total)
+    return {name: share for name, share in shares.items() if share > LEAST_CARRIED}

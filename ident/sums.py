@@ -10,7 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm_fit import Held, Problem, Slides, chi_squared_of, hold, residual, slides, unexpected, whitened
+from ident.arm_fit import (
+    Held,
+    Problem,
+    Slides,
+    chi_squared_of,
+    hold,
+    residual,
+    slides,
+    unexpected,
+    whitened,
+    whitened_by,
+)
 from ident.campaign import Array
 from ident.frf import Complex
 from symgen.forked import standing
@@ -52,7 +63,7 @@ class Share:
             lines = zip(self.problem.data, self.held, self._whitened(vector), strict=True)
             for one, kept, (white, A, columns) in lines:
                 r = residual(self.problem, ahead, one, kept.moved, judged=True)[0]
-                there = (kept.W[one.use] @ r[..., None]).ravel()
+                there = whitened_by(kept.W[one.use], r).ravel()
                 bent = 2.0 / share * ((there - white) / share - A @ step[columns])
                 found.append((2.0 * (A.conj().T @ bent).real, columns))
         return found

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.acting import moved
-from ident.arm_fit import Held, Problem, residual
+from ident.arm_fit import Held, Problem, residual, whitened_by
 from ident.arm_model import Parameters, transfer
 from ident.campaign import Array
 from ident.effects.base import Known
@@ -194,8 +194,17 @@ def _real(x: Complex, columns: int = 0) -> Array:
     return np.concatenate([flat.real, flat.imag])
 
 
-def port_shares(lin: Linearised) -> tuple[tuple[str, int, float], ...]:
-    """How much of what is in excess of noise a free force at each (port, joint) explains, largest first.
+def along(a: Complex, r: Complex) -> tuple[Complex, Array]:
+    """Returns the force [L] at a port whose unit adds `a` [L, m] to the whitened angles, from residuals r [L, m], in units of the
+    port; and its square over its variance [L]."""
+    size = np.maximum(np.sum(np.abs(a) ** 2, axis=1), 1e-300)
+    product = np.sum(a.conj() * r, axis=1)
+    return product / size, np.abs(product) ** 2 / size
+
+
+def port_shares(lin: Linearised, low: float = 0.0, high: float = np.inf) -> tuple[tuple[str, int, float], ...]:
+    """Returns how much of what is in excess of noise from `low` [Hz] to below `high` a free force at each (port, joint) explains,
+    largest first; 0 for all where nothing is in excess.
 
     One complex number a line for every port: each takes 2 of its 2 m degrees of freedom. 1 means that all of the residual
     points where that port pushes.
@@ -203,14 +212,12 @@ def port_shares(lin: Linearised) -> tuple[tuple[str, int, float], ...]:
     left: dict[tuple[str, int], float] = {}
     total = 0.0
     for one, r, ports in zip(lin.problem.data, lin.r, lin.ports, strict=True):
-        use = one.use
+        use = one.use & (one.sampling.f >= low) & (one.sampling.f < high)
         total += 2.0 * float(np.sum(np.abs(r[use]) ** 2)) - 2.0 * r[use].size
         for key, a in ports.items():
-            along = np.abs(np.sum(a.conj() * r, axis=1)) ** 2 / np.maximum(np.sum(np.abs(a) ** 2, axis=1), 1e-300)
-            left[key] = left.get(key, 0.0) + 2.0 * float(np.sum(along[use])) - 2.0 * int(use.sum())
-    shares = [
-        (port, joint, value / total if total > 0.0 else 0.0) for (port, joint), value in left.items() if port in PORTS
-    ]
+            power = along(a, r)[1]
+            left[key] = left.get(key, 0.0) + 2.0 * float(np.sum(power[use])) - 2.0 * int(use.sum())
+    shares = [(port, joint, value / total if total > 0.0 else 0.0) for (port, joint), value in left.items()]
     return tuple(sorted(shares, key=lambda share: -share[2]))
 
 
@@ -221,7 +228,7 @@ def linearise(problem: Problem, vector: Array, held: Sequence[Held]) -> Linearis
         residuals, slopes, where = residual(problem, vector, one, kept.moved, derive=True)
         use = problem.free[where]
         where = where[use]
-        r.append((kept.W @ residuals[..., None])[..., 0])
+        r.append(whitened_by(kept.W, residuals))
         A.append(kept.W @ (slopes[:, :, use] * problem.scale[where]))
         columns.append(where)
     W = tuple(kept.W for kept in held)

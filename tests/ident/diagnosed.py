@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from ident.arm_fit import chi_squared, hold
 from ident.bench import simulate
 from ident.campaign import Campaign
 from ident.coupled import declared_start, problem_of
-from ident.departures import EDGES, Departure, Errors
+from ident.departures import Band, Departure, Errors, in_bands
 from ident.descent import minimise
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect
@@ -68,7 +67,7 @@ def diagnosis() -> Diagnosis:
 
     start, end = fitted(()), fitted((MotorCoulomb(JOINT, (1e-3,)),))
     shares = port_shares(linearise(start.problem, start.minimum.vector, hold(start.problem, start.minimum.vector)))
-    none = Errors(0.0, {}, {}, 0.0)
+    none = Errors(0.0, {}, {}, 0.0, {}, {})
     d = Diagnosis(c, model, responses, split, start, end, (), (), none, none, (), "effect-found")
     before, after = errors(d, "before"), errors(d, "after")
     k = end.problem.base
@@ -84,14 +83,15 @@ def diagnosis() -> Diagnosis:
 def unexplained() -> Diagnosis:
     """The same, had nothing been found."""
     d = diagnosis()
-    left = (Departure(0, 3.0, 10.0, "excited", 50.0, 0.3), Departure(JOINT, 3.0, 10.0, "odd", 90.0, 0.4),
-            Departure(JOINT, 30.0, 100.0, "even", 9.0, 0.3))  # fmt: skip
+    low, high = Band(3.0, 10.0), Band(30.0, 100.0)
+    left = (Departure(0, low, "excited", 50.0, 0.3), Departure(JOINT, low, "odd", 90.0, 0.4),
+            Departure(JOINT, high, "even", 9.0, 0.3))  # fmt: skip
     return replace(d, end=d.start, added=(), after=d.before, departures=left, status="unexplained")
 
 
 def errors(d: Diagnosis, which: str) -> Errors:
-    """Relative rms errors over the records that report, straight from their definition: but for bands, of lines whose noise is
-    four medians of their joint at most."""
+    """Relative rms errors over the records that report, and of their noise, straight from their definition: but for bands, of lines
+    whose noise is four medians of their joint at most."""
     rows = held_out(d)
     f = np.concatenate([row.f for row in rows])
     joint = np.concatenate([np.full(len(row.f), row.joint) for row in rows])
@@ -102,8 +102,10 @@ def errors(d: Diagnosis, which: str) -> Errors:
         return float(np.sqrt(values.mean()))
 
     quiet = np.array([n <= 16.0 * np.median(noise[joint == j]) for n, j in zip(noise, joint, strict=True)])
-    bands = {f"{a:g}-{b:g} Hz": (f >= a) & (f < b) for a, b in pairwise(EDGES)}
-    return Errors(
-        rms(share[quiet]), {d.campaign.joints[j]: rms(share[quiet & (joint == j)]) for j in np.unique(joint)},
-        {name: rms(share[use]) for name, use in bands.items() if use.any()}, rms(noise[quiet]),
-    )  # fmt: skip
+    of_joints = {d.campaign.joints[j]: quiet & (joint == j) for j in np.unique(joint)}
+    of_bands = {band.name: inside for band, inside in in_bands(f)}
+    parts = [
+        (rms(one[quiet]), *({name: rms(one[use]) for name, use in of.items()} for of in (of_joints, of_bands)))
+        for one in (share, noise)
+    ]
+    return Errors(*parts[0], *parts[1])

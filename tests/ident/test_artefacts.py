@@ -8,19 +8,19 @@ import numpy as np
 from diagnosed import JOINT, diagnosis, unexplained
 
 from ident.artefacts import artefacts
+from ident.departures import Band
 from ident.diagnosis_json import verdict_document
 from ident.diagnosis_report import sensor_artefacts
 from ident.evidence import Evidence
 
-BANDS = [(1.0, 10.0), (10.0, 100.0)]
+BANDS = [Band(1.0, 10.0), Band(10.0, 100.0)]
 #: The torque that the sensor makes up at even lines, in shares of that at the excited ones.
 SHARE = 0.05
 
 
 def misread(one: Evidence) -> Evidence:
     """The same record, its excited motor's torque read with something at the even lines that is not there."""
-    k = int(np.flatnonzero(one.scene.arm.live == one.excited)[0])
-    tau = one.scene.tau.copy()
+    k, tau = one.place, one.scene.tau.copy()
     even = ~one.is_excited & (one.scene.lines % 2 == 0)
     assert even.any()
     rms = np.sqrt(np.mean(np.abs(tau[one.is_excited, k]) ** 2))

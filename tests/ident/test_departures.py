@@ -1,11 +1,15 @@
-"""Which records an error is told of."""
+"""Which records an error is told of, and of which lines."""
 
 from __future__ import annotations
 
+from math import inf
 from types import SimpleNamespace
 from typing import Any
 
-from ident.departures import told_of
+import numpy as np
+import pytest
+
+from ident.departures import groups, in_bands, told_of
 from ident.effects.declared import ChangeBetweenRecords
 from ident.effects.spring import Backlash
 
@@ -25,3 +29,25 @@ def test_records_just_before_a_change_that_nobody_else_saw_are_not_told_of() -> 
     assert told(0, 2, 3, 7) == [0, 7]
     assert told(2, 3) == [2, 3]  # else there were nothing to tell
     assert len(told_of(split, (play,), records(0, 2, 3, 7))) == 4
+
+
+def test_lines_above_the_last_edge_depart_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing limits the sample rate: what a motor rings with above 1 kHz is not explained."""
+    f = np.arange(900.0, 1500.0, 10.0)
+    every = np.ones(len(f), dtype=bool)
+    scene = SimpleNamespace(lines=np.arange(1, len(f) + 1), arm=SimpleNamespace(live=np.array([0])))
+    one: Any = SimpleNamespace(index=0, scene=scene, is_excited=every, use=every, sampling=SimpleNamespace(f=f))
+    r = np.where(f >= 1000.0, 100.0, 0.1)[:, None] + 0j
+    monkeypatch.setattr("ident.departures.replace", lambda problem, **of: problem)
+    monkeypatch.setattr("ident.departures.hold", lambda *of: [SimpleNamespace(W=np.ones((len(f), 1, 1)), moved=None)])
+    monkeypatch.setattr("ident.departures.residual", lambda *of: (r,))
+    state: Any = SimpleNamespace(problem=None, minimum=SimpleNamespace(vector=None))
+    ((record, joint, band, kind, level, power),) = groups(state, [one])
+    assert (record, joint, tuple(band), band.name, kind) == (0, 0, (1000.0, inf), "above 1000 Hz", "excited")
+    assert level == pytest.approx(1e4) and power == pytest.approx(50 * 2e4)
+
+
+def test_every_line_is_in_one_band() -> None:
+    f = np.array([0.0, 0.5, 1.0, 99.0, 100.0, 999.9, 1000.0, 4e4])
+    assert np.all(np.sum([inside for _, inside in in_bands(f)], axis=0) == 1)
+    assert [band.name for band, _ in in_bands(f[1:4])] == ["0-1 Hz", "1-3 Hz", "30-100 Hz"]

@@ -13,10 +13,10 @@ from ident.bench import simulate
 from ident.campaign_model import model_of_campaign
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.descent import Minimum
-from ident.deviations import Change, Deviation, Part, _bodies, deviations
+from ident.deviations import NAMES, Change, Deviation, Part, _bodies, deviations
 from ident.diagnose import Begun, begin
 from ident.effects.base import Effect
-from ident.effects.catalogue import parse
+from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.declared import GravityStiffness
 from ident.effects.link import CableStiffness
 from ident.evidence import gravity_basis
@@ -122,6 +122,16 @@ def test_what_is_far_beyond_its_error_is_told_but_not_what_the_law_of_an_effect_
     assert deviations(campaign, model, bench.basis, replace(problem, effects=(off,)), found) == ()
 
 
+def test_a_number_of_a_drive_is_the_only_parameter_of_its_effect_in_the_unit_of_its_joint() -> None:
+    units = {}
+    for field, name in NAMES.items():
+        kind = CATALOGUE[name]
+        (parameter,) = kind.parameters
+        units[field] = [kind.unit(parameter, slides) for slides in (False, True)]
+        assert kind.declared
+    assert units == {"J_m": ["kgm2"] * 2, "D": ["Nms/rad"] * 2, "D_spring": ["Nms/rad", "Ns/m"]}  # motors turn
+
+
 def undamped(*joints: str) -> Robot:
     """Declared without damping in the springs of these."""
     drives = tuple(replace(drive, D_spring=0.0) if drive.joint in joints else drive for drive in ROBOT.drives)
@@ -164,7 +174,9 @@ def test_a_number_that_an_effect_has_too_leaves_the_steps_of_its_information_as_
     minimum = Minimum(values, np.eye(base + 3), 1.0, True)
     state = State((effect,), (7.0,) * 3, ((-9.0, 9.0),) * 3, minimum, problem, 1.0)
     heavier, damped = (
-        Off(Deviation(name, joint, ((what, -0.2, 0.01, ""),), 9.0, np.zeros(1), np.zeros(1)), 0.2, 0.1, state)
+        Off(
+            Deviation(name, joint, ((what, -0.2, 0.01, ""),), 9.0, np.zeros(1, dtype=int), np.zeros(1)), 0.2, 0.1, state
+        )
         for name, joint, what in (("gravity-stiffness", None, "share"), ("spring-damping", 0, "damping"))
     )
     found, others = merged(state, (heavier, damped))

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 from diagnosed import JOINT, LEVEL, REPORT, SELECT, diagnosis, unexplained
 
+from ident.contradicted import Off
+from ident.coupled import uncertainty
+from ident.deviations import Deviation
 from ident.diagnosis_json import _confounded, result_document, verdict_document, write
 from ident.effects.learned import learned
 from ident.effects.motor import TorqueRipple
@@ -56,6 +59,8 @@ def test_the_verdict_has_every_key_of_the_format(file):
     assert set(v["error"]["split"]["fit"]).isdisjoint(v["error"]["split"]["select"] + v["error"]["split"]["report"])
     assert v["error"]["before"]["all"] == d.before.all and v["error"]["after"]["per_band"] == d.after.per_band
     assert v["error"]["noise_floor"] == d.after.noise
+    assert v["error"]["noise_per_joint"] == d.after.noise_per_joint
+    assert v["error"]["noise_per_band"] == d.after.noise_per_band
 
 
 def test_the_effect_is_the_one_that_was_put_in(file):
@@ -161,6 +166,25 @@ def test_a_lines_part_of_the_records_has_the_misfit_of_its_own_lines():
     end = replace(d.end, problem=problem, minimum=replace(d.end.minimum, chi2=chi2))
     by_all, by_half = (result_document(one, {})["chi2_per_dof"] for one in (d, replace(d, end=end, split=split)))
     assert by_half == pytest.approx(by_all, rel=0.05)
+
+
+def test_what_a_model_is_known_to_is_asked_once(file, monkeypatch):
+    """Of the model before and of the one after, whichever documents are made of them."""
+    d, asked = blind(diagnosis(), "alpha_13"), []
+    monkeypatch.setattr(
+        "ident.diagnosis_json.uncertainty", lambda problem, found: (asked.append(found), uncertainty(problem, found))[1]
+    )
+    verdict_document(d, [file])
+    result_document(d, {})
+    assert sorted(map(id, asked)) == sorted([id(d.start.minimum), id(d.end.minimum)])
+
+
+def test_the_first_model_has_declared_numbers_as_declared_where_these_alone_are_off():
+    d = diagnosis()
+    off = Off(Deviation("motor-inertia", 0, (), 9.0, np.zeros(1, dtype=int), np.zeros(1)), 0.2, 0.1, d.end)
+    assert d.first is replace(d, off=(off,)).first is d.start  # beside an effect they are as found in both
+    alone = replace(d, added=(), off=(off,), start=d.end, end=d.start)
+    assert alone.first is d.end
 
 
 def test_a_document_is_written_whole_or_not_at_all(tmp_path):

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
+from math import inf
 
 import numpy as np
 import pytest
-from diagnosed import JOINT, LEVEL, REPORT, diagnosis, unexplained
+from diagnosed import JOINT, LEVEL, REPORT, diagnosis, errors
 
+from ident import departures
 from ident.effects.declared import ChangeBetweenRecords
 from ident.effects.motor import TorqueLag
 from ident.effects.structure import AttachedResonator
-from ident.held_out import carried, held_out, noise_floor, reconstructed, sources, without
+from ident.held_out import carried, held_out, reconstructed, without
+from ident.refits import Bench
 
 
 def test_held_out_rows_are_the_excited_joint_of_the_reporting_records():
@@ -32,9 +35,15 @@ def test_an_error_of_noise_alone_is_as_large_as_the_noise_says():
     (row,) = held_out(replace(d, split=replace(d.split, report=d.split.fit[:1])))
     assert d.campaign.joints[row.joint] == "joint1"
     assert 0.6 < np.mean(np.abs(row.after / row.noise) ** 2) < 1.5
-    per_joint, per_band = noise_floor(held_out(d), d.campaign.joints)
-    assert per_joint["joint2"] == pytest.approx(d.after.noise, rel=1e-12)
-    assert set(per_band) == set(d.after.per_band)
+
+
+def test_errors_and_noise_are_those_of_their_definition():
+    d = diagnosis()
+    bench = Bench(d.campaign, d.model, np.zeros(0), d.split, d.end.problem.parameters(d.end.minimum.vector), 1)
+    found, told = departures.errors(bench, d.end, d.split.report), errors(d, "after")
+    for field in fields(told):
+        assert getattr(found, field.name) == pytest.approx(getattr(told, field.name), rel=1e-9)
+    assert set(found.noise_per_band) == set(found.per_band) and found.noise_per_joint == {"joint2": found.noise}
 
 
 def test_a_record_that_the_errors_leave_out_is_not_held_out():
@@ -91,18 +100,7 @@ def test_the_records_that_choose_carry_the_effect():
     assert list(bands.values()) == sorted(bands.values(), reverse=True)
 
 
-def test_what_is_left_acts_where_the_friction_does():
-    (source,) = sources(unexplained(), [(1.0, 30.0)])
-    assert source is not None and (source.joint, source.ports) == (JOINT, ("motor",)) and source.share > 0.8
-
-
-def test_the_ports_of_a_joint_that_moves_no_other_are_one():
-    """Joint 1 with a wrong spring: whatever is left of it could be at its motor, spring, link or encoder."""
-    d = diagnosis()
-    alone = replace(d.end.problem, data=d.split.fit[:1])
-    worse = d.end.minimum.vector.copy()
-    worse[0] += 0.01  # K of joint 1
-    (source,) = sources(
-        replace(d, end=replace(d.end, problem=alone, minimum=replace(d.end.minimum, vector=worse))), [(1.0, 100.0)]
-    )
-    assert source is not None and (source.joint, source.ports) == (0, ("motor", "spring", "link", "sensor"))
+def test_lines_above_the_last_edge_carry_the_effect_too(monkeypatch):
+    monkeypatch.setattr("ident.departures.EDGES", (0.0, 5.0, inf))
+    _, bands = carried(diagnosis(), diagnosis().added[0].effect)
+    assert set(bands) == {"0-5 Hz", "above 5 Hz"} and abs(sum(bands.values()) - 1.0) < 1e-9

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from diagnosed import CELLS, ROOT
 
-from ident.arm_fit import Problem, hold, residual
+import ident.candidates
+import ident.plausible
+from ident.arm_fit import Problem, hold, residual, whitened_by
 from ident.arm_model import stiffness
 from ident.bench import simulate
 from ident.campaign import Array, Campaign
-from ident.candidates import added, otherwise
+from ident.candidates import Candidate, added, best_of, catalogue, otherwise
 from ident.coupled import declared_start, problem_of
-from ident.curves import responses
+from ident.curves import responses, wave
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.catalogue import CATALOGUE
@@ -24,9 +27,9 @@ from ident.effects.response import Response, response
 from ident.effects.sensor import JointZeroOffset
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
-from ident.periods import spectrum
+from ident.periods import Spectrum, spectrum
 from ident.scene import linear_extra
-from ident.trace import Linearised, linearise
+from ident.trace import Linearised, linearise, port_shares
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 
@@ -39,6 +42,7 @@ LATE, WEAK, RELAXED = (CATALOGUE[name](1, values) for name, values in (
     ("input-delay", (3e-3,)), ("torque-scale", (0.3,)), ("spring-relaxation", (450.0, 0.02)),
 ))  # fmt: skip
 BENT = CATALOGUE["link-flexibility"](1, (2e5, 0.6, 2e-4, 1.0))
+BASE = CATALOGUE["base-compliance"](None, (5e4, 5e4, 150.0, 2e-4))
 
 
 @cache
@@ -87,7 +91,7 @@ def explained(there: tuple[Effect, ...], by: tuple[Effect, ...]) -> Linearised:
 )
 def test_a_candidate_promises_what_it_does_to_the_fitted_arm(there: tuple[Effect, ...], candidate: Effect) -> None:
     lin = explained(there, there)
-    does = (lin.W[0] @ (left(there) - left((*there, candidate)))[..., None])[..., 0]
+    does = whitened_by(lin.W[0], left(there) - left((*there, candidate)))
     (promised,) = added(lin, candidate)
     assert promised is not None
     assert np.linalg.norm(promised - does) < 0.03 * np.linalg.norm(does)
@@ -124,6 +128,20 @@ def test_the_response_of_a_torque_is_what_the_fit_would_have_beside_the_gains_it
     np.testing.assert_allclose(best.at_frequencies(np.geomspace(20.0, 90.0, 9))[0], np.exp(0.05), rtol=1e-2)
 
 
+def test_a_band_has_the_share_of_its_own_lines() -> None:
+    """What a delay leaves acts where torques do, in each band; of lines that no record has nothing is in excess."""
+    lin = explained((), (LATE,))
+    f, lines = lin.problem.data[0].sampling.f, np.abs(lin.r[0]) ** 2
+    excess = [2.0 * float((lines[use] - 1.0).sum()) for use in (f < 10.0, f >= 10.0, f > 0.0)]
+    low, high, whole = (
+        {(port, joint): share for port, joint, share in port_shares(lin, *band)} for band in ((0.0, 10.0), (10.0,), ())
+    )
+    for port in whole:
+        assert low[port] * excess[0] + high[port] * excess[1] == pytest.approx(whole[port] * excess[2], rel=1e-9)
+    assert whole["motor", 1] == max(whole.values()) > 0.9
+    assert {share for *_, share in port_shares(lin, 200.0)} == {0.0}
+
+
 def test_links_that_an_effect_carries_are_no_sizes_of_it() -> None:
     """They stay where they are, and one is a large step of each: so it is tried in another shape, too."""
     directions = 0.1 * np.random.default_rng(2).normal(size=(30, 2)) * CHAIN.parameters[:, None]
@@ -146,3 +164,41 @@ def test_a_reversed_gear_moves_its_link_as_the_other_does() -> None:
         np.testing.assert_allclose(moves[1], moves[0], rtol=1e-6, atol=1e-9 * np.abs(moves[0]).max())
     waves: list[Any] = [spectrum(lin, "motor", "motor", 1, 40.0, 0.5) for lin in lins]
     assert waves[1] is not None and waves[1].fall.max() == pytest.approx(waves[0].fall.max(), rel=1e-2)
+
+
+def test_a_joint_that_hardly_moves_tells_no_order() -> None:
+    """Two milliradians of its motor, of 2 pi a turn: no wave of up to a hundred a turn is told from any other."""
+    c = campaign()
+    (one,) = c.records
+    at_rest = [signal.mean(axis=0) for signal in (one.tau, one.theta)]
+    less = 2e-3 / float(np.ptp(one.theta[:, 1]))
+    tau, theta = (rest + less * (signal - rest) for rest, signal in zip(at_rest, (one.tau, one.theta), strict=True))
+    problem, vector = declared(replace(c, records=(replace(one, tau=tau, theta=theta),)), (), "usable")
+    lin = linearise(problem, vector, hold(problem, vector))
+    assert spectrum(lin, "motor", "motor", 1, 100.5, 0.5) is None and wave(lin, "motor", 1, 100.5) is None
+    found = [best_of(lin, CATALOGUE[name], 1) for name in ("torque-ripple", "transmission-error", "encoder-eccentricity")]
+    assert {one.effect["order"] for one in found if one is not None} <= {1.0}
+
+
+def test_orders_are_looked_for_within_their_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an encoder up to 64, of a torque up to 100: however well one beyond does."""
+    lin = explained((), (CATALOGUE["encoder-eccentricity"](1, (1e-3, 64.0, 0.4)),))
+    rising = Spectrum(np.arange(1.0, 101.0), np.arange(1.0, 101.0), 0.5)
+    monkeypatch.setattr(ident.plausible, "spectrum", lambda *asked: rising)
+    for name, highest in (("encoder-eccentricity", 64.0), ("torque-ripple", 100.0)):
+        found = best_of(lin, CATALOGUE[name], 1)
+        assert found is not None and highest - 1.0 <= found.effect["order"] <= highest
+
+
+def test_an_effect_of_the_arm_alone_is_promised_in_an_arm_of_one_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that may be either is of its joint there; what every simulated arm has is never looked for."""
+    monkeypatch.setattr(ident.candidates, "best_of", lambda lin, kind, joint: Candidate(kind(joint, ()), 1.0, ()))
+
+    def asked(n: int, *taken: Effect) -> set[tuple[str, int | None]]:
+        lin: Any = SimpleNamespace(problem=SimpleNamespace(n=n), prepare=lambda: None)
+        return {(c.effect.name, c.effect.joint) for c in catalogue(lin, taken)}
+
+    arm = {("base-compliance", None), ("gravity-stiffness", None)}
+    assert {one for one in asked(1) if one[1] is None} == arm and ("torque-lag", 0) in asked(1)
+    assert asked(1, BASE) == asked(1) - {("base-compliance", None)}
+    assert asked(2) >= arm | {("torque-lag", 0), ("torque-lag", 1), ("torque-lag", None)}
