@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -17,22 +16,17 @@ import numpy as np
 from ident.added import Added, exchanged, pruned, renamed, renewed, was_named
 from ident.apart import apart
 from ident.campaign import Campaign
-from ident.candidates import surest
 from ident.choice import Tried
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
-from ident.departures import Departure, Errors, departures, errors, groups, told_of
-from ident.effects.base import Effect, Law, has_forces
-from ident.effects.learned import Learned
+from ident.departures import Departure, Errors, errors, told_of
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
-from ident.minima import afresh, elsewhere, links_anew, settled, winds_up
+from ident.minima import afresh, elsewhere, links_anew, settled
 from ident.one_more import one_more
-from ident.parts import Split, degrees, few_lines, sampled, split, split_lines
+from ident.parts import Split, degrees, split, split_lines
 from ident.refits import (
-    CLOSE,
-    FEW_SAMPLES,
     HASTILY,
     NAMED,
     Bench,
@@ -42,32 +36,37 @@ from ident.refits import (
     excess,
     first,
     fitted,
-    linearised,
     on_declared_links,
     same,
     some,
 )
+from ident.rest import (
+    LEFT,
+    is_doubtful,
+    is_little,
+    is_suspect,
+    is_uneven,
+    left_over,
+    may_be_bent,
+    may_bend,
+    share_left,
+    something_departs,
+)
 from ident.rounds import another
-from ident.trials import BENT, ENOUGH, explains
+from ident.trials import BENT, explains
 from ident.unbent import unbent
 from symgen.plan import Model
 
 #: Rounds at most; each adds an effect, or more at once.
 MOST_ROUNDS = 4
-#: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
-#: many times where something is left and they may.
-BENDS, MAY_BEND = 10.0, 1.5
 #: Share of the excess left by the first effect where these may that ends the search.
 MUCH = 0.3
-#: Degrees of freedom by which effects are looked for where no group of lines departs, and what one must promise: so much, and
-#: this share of them. Where nothing is missing it has been 114 of the 250 at most.
-LOOKED_AT, SURE, SURE_SHARE = 20_000, 150.0, 0.005
 #: Noise powers from which effects are looked for so beside those that were found, too.
 DOUBTED = 1.0
-#: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured.
-LEFT = 0.03
 #: Said where the parts are of lines.
-BY_LINES = "what departs hardly shows in the records that fit: lines of every record in each part"
+BY_LINES = (
+    "what departs hardly shows in the records that fit, or in those that choose: lines of every record in each part"
+)
 #: Whether what is left of a model by such parts of the records is another's to explain.
 GivesWay = Callable[[State, Split], bool]
 
@@ -129,7 +128,7 @@ class Begun:
     @property
     def departs(self) -> bool:
         """Whether anything but noise is left of the records without effects."""
-        return _departs(self.bench, self.start) or _suspect(self.bench, self.start)
+        return something_departs(self.bench, self.start) or is_suspect(self.bench, self.start)
 
     @property
     def alone(self) -> float:
@@ -165,16 +164,16 @@ class Begun:
         if bench.split.note:
             progress(BY_LINES)
         state, added = _loop(bench, start, progress, None, gives_way)
-        left = _left_over(bench, start, state)
-        if not bench.split.note and not bench.late and _doubtful(bench, start, state, bool(left)):
+        left = left_over(bench, start, state)
+        if not bench.split.note and not bench.late and is_doubtful(bench, start, state, bool(left)):
             progress(BY_LINES)
             by_lines = _by_lines(bench, data)
             resumed = _resumed(*by_lines, state, added)
-            if resumed is not None or (left and (not added or _left(bench, start, state) > LEFT)):
+            if resumed is not None or (left and (not added or share_left(bench, start, state) > LEFT)):
                 other, more = _loop(*by_lines, progress, resumed, gives_way)
-                if _left(*by_lines, other) < _left(bench, start, state):
+                if share_left(*by_lines, other) < share_left(bench, start, state):
                     (bench, start), state, added = by_lines, other, more
-                    left = _left_over(bench, start, state)
+                    left = left_over(bench, start, state)
         found, contradictions = state, () if left else contradicted(bench, state)
         state, off = merged(state, contradictions)
         state = settled(bench, state)
@@ -226,33 +225,9 @@ def begin(
     guess = declared_start(campaign, model, responses, basis)
     bench = Bench(campaign, model, basis, split(data, model), guess, workers, until=until)
     start = first(bench)
-    if not bench.split.note and (_bends(bench, start, BENDS) or _fits_alone(bench, start)):
+    if not bench.split.note and is_uneven(bench, start):
         bench, start = _by_lines(bench, data)
     return Begun(responses, data, bench, start)
-
-
-def _bends(bench: Bench, state: State, times: float) -> bool:
-    """Whether a model fits the records that fit so many times better than the others: these leave too much of it free."""
-    fitting = state.minimum.chi2 / degrees(bench.split.fit)
-    return excess(bench, state) - 1.0 > times * (max(fitting - 1.0, 0.0) + 0.1)
-
-
-def _fits_alone(bench: Bench, state: State) -> bool:
-    """Whether the records that fit are explained and the others not: these may tell too little of the arm's constants."""
-    return state.minimum.chi2 / degrees(bench.split.fit) <= NAMED < excess(bench, state)
-
-
-def _may_bend(bench: Bench, start: State, state: State) -> bool:
-    """Whether records that fit may leave too much free, without effects or with those found."""
-    return _bends(bench, start, MAY_BEND) or _bends(bench, state, MAY_BEND)
-
-
-def _doubtful(bench: Bench, start: State, state: State, left: bool) -> bool:
-    """Whether lines of every record may tell more: where something is `left` if the records that fit may leave too much free, or if it
-    is little though nothing was found; else if only the choosing records leave more than noise."""
-    if left:
-        return _may_bend(bench, start, state) or (state is start and excess(bench, state) <= CLOSE)
-    return excess(bench, state) > NAMED and _bends(bench, state, MAY_BEND)
 
 
 def _by_lines(bench: Bench, data: tuple[Evidence, ...]) -> tuple[Bench, State]:
@@ -271,7 +246,7 @@ def _resumed(bench: Bench, start: State, found: State, added: Sequence[Added]) -
     state = fitted(bench, plain or Refit.of(found))
     if plain is not None and excess(bench, state) > NAMED:
         state = fitted(bench, Refit.of(found))
-    if _left(bench, start, state) > LEFT:
+    if share_left(bench, start, state) > LEFT:
         return None
     report = bench.split.report
     entries = [replace(one, besides=None) for one in added]
@@ -298,13 +273,15 @@ def _loop(
         bench = unbent(bench, state, progress)
     missing: Sequence[Tried] = ()
     for _ in range(MOST_ROUNDS):
-        little = bool(added) and _little(bench, start, state)
-        departs = _departs(bench, state) or ((not added or excess(bench, state) > DOUBTED) and _suspect(bench, state))
+        little = bool(added) and is_little(bench, start, state)
+        departs = something_departs(bench, state) or (
+            (not added or excess(bench, state) > DOUBTED) and is_suspect(bench, state)
+        )
         if not departs or (little and excess(bench, state) <= NAMED) or bench.late:
             break
         if added and not missing and gives_way(state, bench.split):
             break
-        bends = not bench.split.note and _may_bend(bench, start, state)  # then it is tried by lines next
+        bends = not bench.split.note and may_bend(bench, start, state)  # then it is tried by lines next
         partly = [one for entry in reversed(added) for one in entry.partly]
         step = another(bench, state, start.select, progress, little, bends, partly, missing)
         if step is None:
@@ -314,11 +291,15 @@ def _loop(
         if bench.late:
             break
         missing, tried_from = (), state
-        if _bent(bench, start, state):  # is what was missing the way, or is more missing?
+        if may_be_bent(bench, start, state):  # is what was missing the way, or is more missing?
             missing = one_more(bench, state, progress)
             if not missing:
                 state = begun_afresh = afresh(bench, state, progress)
-        if not (missing or bench.split.note) and _left(bench, start, state) > MUCH and _may_bend(bench, start, state):
+        if (
+            not (missing or bench.split.note)
+            and share_left(bench, start, state) > MUCH
+            and may_bend(bench, start, state)
+        ):
             break  # lines of every record tell more
         state, added = apart(bench, state, added, progress)
         state, added = exchanged(bench, state, added, progress)
@@ -326,61 +307,10 @@ def _loop(
         for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:
             state, added = renamed(bench, state, curve, added, start.select, progress)
         missing = missing if state is tried_from else ()
-    if added and state is not begun_afresh and not bench.late and _bent(bench, start, state):
+    if added and state is not begun_afresh and not bench.late and may_be_bent(bench, start, state):
         state = afresh(bench, state, progress)
     for effect in state.effects[:-1]:  # found while others were missing
         if not (bench.late or explains(bench, state, start.select)):
             new = elsewhere(bench, state, effect, progress)
             state, added = new, renewed(state, new, added)
     return state, added
-
-
-def _bent(bench: Bench, start: State, state: State) -> bool:
-    """Whether something is left because what was missing may have bent the arm: a little of what a curve draws always is."""
-    drawn = state.effects[-1].name == "unknown"
-    return excess(bench, state) > NAMED and not (drawn and _little(bench, start, state))
-
-
-def _little(bench: Bench, start: State, state: State) -> bool:
-    """Whether so little is left of what was in excess that only what promises most of it is tried: of a force that may have moved
-    the arm in more than one way, or of dry friction, more than of others; nothing of what is exact."""
-    if not any(map(has_forces, state.effects)):
-        return False
-    left = _left(bench, start, state)
-    many_ways = any(isinstance(effect, Law) and winds_up(effect) for effect in state.effects)
-    most = CLOSE**2 if any(effect.dry for effect in state.effects) else CLOSE
-    return (left < ENOUGH and excess(bench, state) <= most) or (left < LEFT and many_ways)
-
-
-def _left_over(bench: Bench, start: State, state: State) -> tuple[Departure, ...]:
-    """What stays unexplained, but for the small rest that known forces may leave; less of it where a name needs a curve at its own port."""
-    most = CLOSE if _mended(state.effects) else CLOSE**2
-    little = any(map(has_forces, state.effects)) and _left(bench, start, state) < LEFT and excess(bench, state) < most
-    return () if little else departures(bench, state)
-
-
-def _mended(effects: Sequence[Effect]) -> bool:
-    """Whether a named law acts where a learned curve does, too: the name may be another's."""
-    curves = {(e.port, e.joint) for e in effects if isinstance(e, Learned)}
-    return any((e.port, e.joint) in curves and not (e.declared or isinstance(e, Learned)) for e in effects)
-
-
-def _left(bench: Bench, start: State, state: State) -> float:
-    """Share of what was in excess on the choosing records that still is."""
-    dof = degrees(bench.split.select)
-    return (state.select - dof) / max(start.select - dof, 1.0)
-
-
-def _departs(bench: Bench, state: State) -> bool:
-    """Whether anything but noise may be left, on the records that fit and choose."""
-    return excess(bench, state) > 1.1 or bool(groups(state, bench.split.fit + bench.split.select))
-
-
-@lru_cache(maxsize=2)  # who chooses between two models asks, and then the loop
-def _suspect(bench: Bench, state: State) -> bool:
-    """Whether an effect of the catalogue promises what noise does not, though no group of lines departs: of many thousand lines
-    those that it moves may be few."""
-    part = min(LOOKED_AT / degrees(state.problem.data), 1.0)
-    data = tuple(sampled(few_lines(one, round(part * one.count)), FEW_SAMPLES) for one in state.problem.data)
-    lin = linearised(replace(state.problem, data=data), state.minimum.vector)
-    return surest(lin, bench.workers) > SURE + SURE_SHARE * degrees(data)

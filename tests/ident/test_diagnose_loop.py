@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import diagnosed as by_hand
 import numpy as np
 import pytest
 
+import ident.diagnose
+import ident.rest
 from ident.added import Added, renamed
 from ident.arm_fit import hold
 from ident.bench import simulate
@@ -19,7 +21,7 @@ from ident.campaign import Array, Campaign
 from ident.candidates import catalogue, otherwise
 from ident.coupled import declared_start
 from ident.departures import groups
-from ident.diagnose import Begun, Diagnosis, _bent, _better, _fits_alone, _little, _loop, _resumed, begin, diagnose
+from ident.diagnose import Begun, Diagnosis, _better, _loop, _resumed, begin, diagnose
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.friction import LinkViscous, MotorCoulomb
@@ -30,6 +32,7 @@ from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.parts import Split, split, split_lines, united
 from ident.refits import HASTILY, Bench, Refit, State, excess, fitted, linearised
+from ident.rest import _fits_alone, _hardly_chooses, is_little, may_be_bent, share_left
 from ident.trace import linearise
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
@@ -39,6 +42,14 @@ SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
 CELLS = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells] * 2
 LINK_VISCOUS = LinkViscous(1, (0.1,))
 FAINT = "input-delay:time=3e-6@joint2"
+
+
+def _instead(monkeypatch: pytest.MonkeyPatch, stand_ins: dict[str, Any]) -> None:
+    """Puts functions in the places of those that the loop and its judgement of what is left call."""
+    for name, stand_in in stand_ins.items():
+        for module in (ident.diagnose, ident.rest):
+            if hasattr(module, name):
+                monkeypatch.setattr(module, name, stand_in)
 
 
 @pytest.fixture(scope="module")
@@ -184,17 +195,16 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
         ("apart", "exchanged", "pruned"), lambda bench, state, added, progress: (state, added)
     ) | {
         "excess": lambda bench, state: state.left,
-        "_departs": lambda bench, state: state.left > 1.1,
-        "_suspect": lambda bench, state: False,
-        "_little": lambda bench, start, state: False,
+        "something_departs": lambda bench, state: state.left > 1.1,
+        "is_suspect": lambda bench, state: False,
+        "is_little": lambda bench, start, state: False,
         "another": another,
         "one_more": lambda bench, state, progress: ["name"] * does,
         "elsewhere": lambda bench, state, effect, progress: state,
         "explains": lambda *of: True,
         "afresh": lambda bench, state, progress: straight,
     }
-    for name, stand_in in stand_ins.items():
-        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    _instead(monkeypatch, stand_ins)
     bench = SimpleNamespace(split=SimpleNamespace(note="by lines"), late=False)
     added = [SimpleNamespace(partly=())] * (2 if does else 1)
     assert _loop(bench, start, lambda line: None) == (straight, added)
@@ -210,12 +220,11 @@ def test_what_hardly_leaves_noise_is_looked_for_beside_what_was_found_too(
     stand_ins = {
         "excess": lambda bench, state: state.select,
         "degrees": lambda data: 1,
-        "_departs": lambda bench, state: False,
-        "_suspect": lambda bench, state: suspected.append(True),
+        "something_departs": lambda bench, state: False,
+        "is_suspect": lambda bench, state: suspected.append(True),
         "links_anew": lambda bench, state, progress: state,
     }
-    for name, stand_in in stand_ins.items():
-        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    _instead(monkeypatch, stand_ins)
     bench = SimpleNamespace(split=SimpleNamespace(note="by lines", select=()), late=False)
     _loop(bench, SimpleNamespace(select=9.0), lambda line: None, (found, ["added"]))
     assert suspected == [True] * asked
@@ -225,13 +234,12 @@ def test_what_is_resumed_by_lines_has_its_links_told_anew_first(monkeypatch: pyt
     start, found, mended = (SimpleNamespace(select=left, left=left, effects=()) for left in (9.0, 5.0, 1.0))
     stand_ins = {
         "excess": lambda bench, state: state.left,
-        "_departs": lambda bench, state: state.left > 1.1,
+        "something_departs": lambda bench, state: state.left > 1.1,
         "links_anew": lambda bench, state, progress: mended,
     }
-    for name, stand_in in stand_ins.items():
-        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    _instead(monkeypatch, stand_ins)
     bench = SimpleNamespace(split=SimpleNamespace(note="by lines", select=()), late=False)
-    monkeypatch.setattr("ident.diagnose.degrees", lambda data: 1)
+    _instead(monkeypatch, {"degrees": lambda data: 1})
     assert _loop(bench, start, lambda line: None, (found, ["added"])) == (mended, ["added"])
 
 
@@ -256,14 +264,13 @@ def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
         "_loop": lambda bench, start, progress, resumed=None, gives_way=None: resumed or (found, []),
         "_by_lines": lambda bench, data: (whole, first),
         "_resumed": lambda bench, start, state, added: (other, []),
-        "_left_over": lambda *of: (),
+        "left_over": lambda *of: (),
         "contradicted": lambda bench, state: (),
         "merged": lambda state, contradictions: (state, ()),
         "settled": lambda bench, state: state,
         "errors": lambda *of: none,
     }
-    for name, stand_in in stand_ins.items():
-        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    _instead(monkeypatch, stand_ins)
     monkeypatch.setattr("ident.refits.degrees", lambda data: 1)
     told = Begun((), (), bench, first).diagnosed()  # type: ignore[arg-type]
     assert (told.end is other, told.split.note) == (lines, "lines" if lines else "")
@@ -281,7 +288,7 @@ def test_entries_are_in_the_order_in_which_they_were_added_and_errors_of_the_sam
     parts: Any = SimpleNamespace(note="lines", fit=(), select=(), report=("first", "unseen"))
     stand_ins = {
         "_loop": lambda *of: (found, added),
-        "_left_over": lambda *of: (),
+        "left_over": lambda *of: (),
         "contradicted": lambda bench, state: (),
         "merged": lambda state, contradictions: (state, ()),
         "settled": lambda bench, state: state,
@@ -289,8 +296,7 @@ def test_entries_are_in_the_order_in_which_they_were_added_and_errors_of_the_sam
         "told_of": lambda split, effects, data: data[: -len(effects) // 2],
         "errors": lambda bench, state, data: SimpleNamespace(all=state.select, of=data),
     }
-    for name, stand_in in stand_ins.items():
-        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    _instead(monkeypatch, stand_ins)
     bench: Any = SimpleNamespace(split=parts, campaign=None, model=None)
     told = Begun((), (), bench, start).diagnosed()  # type: ignore[arg-type]
     assert [(one.effect, one.after) for one in told.added] == [(renamed_first, 0.2), (second, 1.0)]
@@ -338,21 +344,34 @@ def test_two_arms_are_compared_by_the_same_parts_of_the_records(
 
 
 @pytest.mark.parametrize(
-    ("fit", "chosen", "alone"),
+    ("fit", "chosen", "alone", "blind"),
     [
-        (0.93, 1.3, True),
-        (0.93, 0.95, False),
-        (1.4, 1.9, False),
-    ],  # the second is explained, the third is not by any records
+        (0.93, 1.3, True, False),
+        (0.93, 0.95, False, False),  # explained
+        (1.4, 1.9, False, False),  # by no records
+        (30.0, 1.02, False, True),
+        (30.0, 8.0, False, False),
+    ],
 )
-def test_records_that_fit_but_explain_no_others_tell_too_little(
-    fit: float, chosen: float, alone: bool, monkeypatch: pytest.MonkeyPatch
+def test_records_that_fit_but_explain_no_others_tell_too_little_and_those_that_show_nothing_choose_blindly(
+    fit: float, chosen: float, alone: bool, blind: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in ("diagnose", "refits"):
+    for module in ("rest", "refits"):
         monkeypatch.setattr(f"ident.{module}.degrees", lambda data: 1)
     bench: Any = SimpleNamespace(split=SimpleNamespace(fit=(), select=()))
     state: Any = SimpleNamespace(select=chosen, minimum=SimpleNamespace(chi2=fit))
-    assert _fits_alone(bench, state) == alone
+    assert _fits_alone(bench, state) == alone and _hardly_chooses(bench, state) == blind
+
+
+def test_what_the_records_that_fit_still_leave_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an effect that the choosing records do not show, their chi^2 tells no share."""
+    monkeypatch.setattr("ident.rest.degrees", lambda data: 1000)
+    bench: Any = SimpleNamespace(split=SimpleNamespace(fit=(), select=()))
+    start, state = (
+        cast(Any, SimpleNamespace(select=chosen, minimum=SimpleNamespace(chi2=fit)))
+        for chosen, fit in ((1000.0, 91_000.0), (990.0, 46_000.0))
+    )
+    assert share_left(bench, start, state) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(("left", "goes_on"), [(1.4, True), (9.0, False)])
@@ -362,16 +381,15 @@ def test_lines_of_every_record_begin_with_what_was_found_where_that_leaves_littl
     def entry(before: float, after: float) -> Added:
         return Added(LINK_VISCOUS, (), before, after, 1.0, 1.0, (), (), ())
 
-    start, by_lines = SimpleNamespace(select=41.0), SimpleNamespace(select=left)
+    start, by_lines = (SimpleNamespace(select=chi2, minimum=SimpleNamespace(chi2=chi2)) for chi2 in (41.0, left))
     stand_ins = {
         "fitted": lambda bench, refit: by_lines,
         "degrees": lambda data: 1,
         "errors": lambda bench, state, report: SimpleNamespace(all=state.select),
     }
-    for name, stand_in in stand_ins.items():
-        monkeypatch.setattr(f"ident.diagnose.{name}", stand_in)
+    _instead(monkeypatch, stand_ins)
     monkeypatch.setattr(Refit, "of", lambda state: state)
-    bench: Any = SimpleNamespace(split=SimpleNamespace(select=(), report=()))
+    bench: Any = SimpleNamespace(split=SimpleNamespace(fit=(), select=(), report=()))
     found: Any = SimpleNamespace(effects=())
     led: Any = SimpleNamespace(select=0.5, effects=())  # by fewer records
     entries = [replace(entry(0.3, 0.2), besides=led), entry(0.2, 0.1)]
@@ -394,10 +412,10 @@ def test_lines_of_every_record_begin_with_what_was_found_where_that_leaves_littl
 def test_a_little_of_what_a_curve_draws_is_always_left(
     name: str, left: float, little: bool, bent: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ident.diagnose.excess", lambda bench, state: state.left)
-    monkeypatch.setattr("ident.diagnose._little", lambda bench, start, state: little)
+    monkeypatch.setattr("ident.rest.excess", lambda bench, state: state.left)
+    monkeypatch.setattr("ident.rest.is_little", lambda bench, start, state: little)
     state: Any = SimpleNamespace(left=left, effects=(SimpleNamespace(name=name),))
-    assert _bent(state, state, state) == bent
+    assert may_be_bent(state, state, state) == bent
 
 
 @pytest.mark.bench
@@ -462,7 +480,10 @@ def test_more_is_left_of_a_motion_that_may_not_be_found(
 ) -> None:
     """Six noise powers: of play it may be its own motion, of much dry friction how it creeps; of a hysteresis, whose motion is found, it is
     another effect's."""
-    monkeypatch.setattr("ident.diagnose.excess", lambda bench, state: state.select)
-    monkeypatch.setattr("ident.diagnose._left", lambda bench, start, state: (state.select - 1.0) / (start.select - 1.0))
+    monkeypatch.setattr("ident.rest.excess", lambda bench, state: state.select)
+    monkeypatch.setattr(
+        "ident.rest.share_left", lambda bench, start, state: (state.select - 1.0) / (start.select - 1.0)
+    )
+    monkeypatch.setattr("ident.rest._fitting", lambda bench, state: state.select)
     start, state = (SimpleNamespace(select=left, effects=(effect,)) for left in (of, 6.0))
-    assert _little(SimpleNamespace(), start, state) == little
+    assert is_little(SimpleNamespace(), start, state) == little

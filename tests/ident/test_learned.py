@@ -18,7 +18,6 @@ from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.coupled import declared_start
 from ident.curves import PARTS, _shape, curves, wave
-from ident.diagnose import _mended
 from ident.effects.base import Effect, Law
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import LearnedLaw, at_knots, bent, learned
@@ -30,6 +29,7 @@ from ident.parts import Split
 from ident.periods import spectrum
 from ident.refits import Bench, Refit, excess, first, fitted, linearised
 from ident.refits import State as Fitted
+from ident.rest import _mended
 from ident.trace import Linearised, linearise
 from ident.tried import refitted
 from symgen.plan import chain_of_robot, make_model
