@@ -14,10 +14,11 @@ from itertools import product
 import numpy as np
 
 from ident.campaign import Array
-from ident.candidates import ORDERS, Candidate, bounds, larger, only_size, units
+from ident.candidates import Candidate, bounds, larger, only_size, units
 from ident.effects.base import Effect, PeriodicLaw
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import Motion
+from ident.plausible import ORDERS
 from ident.refits import SLOPES, State, but_last, linearised, some
 from ident.shapes import TINY
 from ident.trace import Linearised

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
+from ident.acting import signals
 from ident.arm_model import DRIVES
 from ident.effects.base import Effect, Parameter, only_impedance, scale
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import CREEP
 from ident.errors import IdentError
 from ident.frf import Complex
-from ident.periods import spectrum
+from ident.plausible import starts, values_of
 from ident.trace import Linearised
 from symgen.forked import forked
 
-#: Orders [per revolution] at which cogging, ripple and gear errors are looked for, how many of them are scored; and orders, or
-#: records of a change, tried where what was found leaves something.
-ORDERS, BEST_ORDERS, MORE = tuple(range(1, 101)), 2, 6
+#: How many orders of a wave are scored; orders, or records of a change, tried where what was found leaves something.
+BEST_ORDERS, MORE = 2, 6
 #: Share of a plausible size from which an effect that is not linear in its size is differentiated.
 SMALL = 1e-3
-#: Frequencies over the band, stiffnesses, and peaks of the residual at which something on a spring is looked for.
-FREQUENCIES, STIFFNESSES, PEAKS = 16, 6, 4
 #: Factors by which stiffnesses and frequencies of an impedance are moved from the best ones tried: at first, and from then on.
 FAR = tuple(1.2**k for k in range(-8, 9) if k)
 NEAR = tuple(f for by in (1.07, 1.2, 1.5) for f in (by, 1.0 / by))
@@ -34,6 +31,13 @@ CHANGE = 0.1
 RESTS = 6.0
 #: A first-order size beyond these factors of the one tried says that another one is meant.
 WITHIN = (0.02, 50.0)
+#: The least scale of a value, as a share of the largest plausible one: what is nothing at first is refined in such steps.
+LEAST = 0.1
+#: Rounding errors of a value, in its units.
+ROUNDED = 1e-12
+
+#: Values of an effect, and by how much chi^2 falls by them.
+Found = tuple[list[float], float]
 
 
 @dataclass(frozen=True)
@@ -61,19 +65,13 @@ def units(lin: Linearised, effect: type[Effect], joint: int | None) -> tuple[flo
 
 
 def _sizes(lin: Linearised, port: str, joint: int) -> dict[str, float]:
-    """Largest rms torque, angle and rate at a port over the records, and the constants of its joint."""
-    port = side_of(port)
-    angle, rate, torque = lin.swings[port, joint]
-    p = lin.problem.parameters(lin.vector)
+    """Largest rms torque, angle and rate at a port over the records, K and the link's inertia J_ii of its joint: of the scales of a
+    parameter those that an effect may have of which the fitted arm has to be told."""
+    angle, rate, torque = lin.swings[side_of(port), joint]
+    K = float(lin.problem.parameters(lin.vector).K[joint])
     J = max(float(arm.J[joint, joint]) for _, arm in lin.arms)
-    motor = port == "motor"
-    chain = lin.problem.data[0].scene.chain
-    mass = float(chain.joints[-1].inertia.mass) if chain is not None else 1.0
     tiny = 1e-300
-    return {
-        "torque": torque + tiny, "angle": angle + tiny, "rate": rate + tiny, "K": float(p.K[joint]),
-        "J": float(p.J_m[joint]) if motor else J, "damping": float((p.D if motor else p.D_spring)[joint]), "mass": mass,
-    }  # fmt: skip
+    return {"torque": torque + tiny, "angle": angle + tiny, "rate": rate + tiny, "K": K, "J": J}
 
 
 def side_of(port: str) -> str:
@@ -83,27 +81,14 @@ def side_of(port: str) -> str:
 
 def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
     """What `effect` adds to the whitened prediction of each record [L, m], to first order in the effect; None: nothing."""
-    kind = type(effect)
-    law = kind.force is not Effect.force
     found: list[Complex | None] = []
     for at, one in enumerate(lin.problem.data):
-        scene, motion, ports = one.scene, lin.motions[side_of(kind.port)][at], lin.ports[at]
-        live = scene.arm.live
-        total = np.zeros_like(scene.theta)
-        if law and effect.joint in live:
-            torque = effect.force(motion)
-            port = effect.port if effect.port in ("motor", "spring") else "link"
-            if torque is not None:
-                total = total + ports[port, int(effect.joint or 0)] * scene.at_lines(torque)[:, None]
-        if kind.loads is not Effect.loads:
-            for port, joint, load in effect.loads([motion.state(j) for j in range(scene.n)]):
-                if joint in live:
-                    total = total + ports[port, joint] * scene.at_lines(load)[:, None]
-        if kind.reading is not Effect.reading and effect.joint in live:
-            error = effect.reading(motion)
-            if error is not None:
-                total = total + ports["sensor", int(effect.joint or 0)] * scene.at_lines(error)[:, None]
-        total = total + _linear(lin, effect, at)
+        scene, motion = one.scene, lin.motions[side_of(effect.port)][at]
+        total = _linear(lin, effect, at)
+        for (port, k), signal in signals(scene, (effect,), motion).items():
+            push = lin.pushes[at]["sensor" if port == "reading" else port][:, :, k]
+            unit = scene.arm.N[k] if port == "motor" else 1.0
+            total = total + push * (scene.at_lines(signal) / unit)[:, None]
         for name, share in effect.shares(one.index).items():
             column = DRIVES.index(name) * scene.n + int(effect.joint or 0)
             place = np.flatnonzero(lin.columns[at] == column)
@@ -138,19 +123,30 @@ def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
     return total
 
 
+def places(kind: type[Effect], n: int) -> list[int | None]:
+    """Where an effect of a kind may be in an arm of n joints: joints from 0, None for the whole arm. That of one joint is its joint, for
+    an effect that may be either."""
+    joints: list[int | None] = list(range(n)) if "joint" in kind.scope else []
+    return joints + [None] * ("arm" in kind.scope and (n > 1 or not joints))
+
+
+def of_kinds(
+    lin: Linearised, wanted: Callable[[type[Effect], int | None], bool], taken: Sequence[Effect]
+) -> list[tuple[type[Effect], int | None]]:
+    """The kinds of the catalogue with the places that are `wanted`, and not `taken` yet."""
+    there = {(e.name, e.joint) for e in taken}
+    return [
+        (kind, joint)
+        for kind in CATALOGUE.values() if kind.injectable
+        for joint in places(kind, lin.problem.n) if wanted(kind, joint) and (kind.name, joint) not in there
+    ]  # fmt: skip
+
+
 def catalogue(
     lin: Linearised, taken: Sequence[Effect], workers: int = 1, at: tuple[str, int | None] | None = None
 ) -> list[Candidate]:
     """All effects of the catalogue that the fitted arm does not contain yet, best first: at all joints, or `at` a port and joint."""
-    there = {(e.name, e.joint) for e in taken}
-    tasks: list[tuple[type[Effect], int | None]] = []
-    for kind in CATALOGUE.values():
-        if not kind.injectable or not _in_fit(kind):
-            continue
-        places: list[int | None] = list(range(lin.problem.n)) if "joint" in kind.scope else []
-        places += [None] if "arm" in kind.scope and lin.problem.n > 1 else []
-        places = [joint for joint in places if at is None or at == (kind.port, joint)]
-        tasks += [(kind, joint) for joint in places if (kind.name, joint) not in there]
+    tasks = of_kinds(lin, lambda kind, joint: _in_fit(kind) and (at is None or at == (kind.port, joint)), taken)
     lin.prepare()
     found = [c for c in forked(lambda task: best_of(lin, *task), tasks, workers) if c is not None]
     return sorted(found, key=lambda c: -c.gain)
@@ -195,8 +191,8 @@ def nearer(lin: Linearised, best: Candidate) -> Candidate:
 def _scored(lin: Linearised, kind: type[Effect], joint: int | None) -> Iterator[Candidate]:
     """One kind at one joint, for every combination of its plausible shapes."""
     unit = units(lin, kind, joint)
-    for values in _shapes(lin, kind, joint, unit):
-        candidate = _possible(lin, kind(joint, tuple(values)), unit)
+    for values in starts(lin, kind, joint, unit, BEST_ORDERS):
+        candidate = _possible(lin, kind(joint, values), unit)
         if candidate is not None:
             yield candidate
 
@@ -218,7 +214,7 @@ def larger(one: Candidate, times: float) -> Candidate:
     return replace(one, effect=one.effect.with_values(values))
 
 
-def smallest(lin: Linearised, kind: type[Effect], joint: int) -> Candidate:
+def smallest(lin: Linearised, kind: type[Effect], joint: int | None) -> Candidate:
     """An effect of this kind as small as is plausible, whatever it promises."""
     unit = units(lin, kind, joint)
     values = [u * min(p.sizes, key=abs) for p, u in zip(kind.parameters, unit, strict=True)]
@@ -231,131 +227,89 @@ def otherwise(lin: Linearised, effect: Effect) -> list[Candidate]:
     found = [
         _possible(lin, effect.with_value(k, value), unit)
         for k, p in enumerate(kind.parameters) if p.whole
-        for value in _options(lin, kind, effect.joint, p, unit[k], MORE) if value != effect[p.name]
+        for value in values_of(lin, kind, effect.joint, p, unit[k], MORE) if value != effect[p.name]
     ]  # fmt: skip
     return sorted((c for c in found if c is not None), key=lambda c: -c.gain)[:MORE]
 
 
-def _shapes(lin: Linearised, kind: type[Effect], joint: int | None, unit: Sequence[float]) -> Iterator[list[float]]:
-    """Start values to try: the shapes' combinations, sizes at their first plausible value."""
-    options = [_options(lin, kind, joint, p, u, BEST_ORDERS) for p, u in zip(kind.parameters, unit, strict=True)]
-    yield from (list(values) for values in product(*options))
-
-
-def _options(
-    lin: Linearised, kind: type[Effect], joint: int | None, p: Parameter, unit: float, orders: int
-) -> tuple[float, ...]:
-    """Values of a parameter to try."""
-    if p.declared:
-        assert p.zero is not None
-        return (p.zero,)
-    if p.name == "phase":
-        return (0.0,)
-    if p.name == "order":
-        assert joint is not None
-        return _orders(lin, kind, joint, orders)
-    if p.name == "record":
-        return tuple(one.index + 1.0 for one in lin.problem.data[1:])
-    if p.name == "frequency":
-        top = max(float(one.sampling.f[-1]) for one in lin.problem.data)
-        grid = np.geomspace(max(p.low, 2.0), 1.2 * top, FREQUENCIES).tolist()
-        return (*_resonances(lin, joint or 0), *grid)
-    if p.relative == "K" and p.zero is None:
-        return tuple((unit * np.geomspace(0.4 * min(p.sizes), 4.0 * max(p.sizes), STIFFNESSES)).tolist())
-    if p.zero is None:
-        return tuple(unit * size for size in p.sizes)
-    return (unit * p.sizes[0],)
-
-
-def _resonances(lin: Linearised, joint: int) -> tuple[float, ...]:
-    """Frequencies [Hz] at which the link of a joint seems to carry most: peaks of the dynamic stiffness that is missing there."""
-    pushed: dict[float, complex] = {}
-    square: dict[float, float] = {}
-    for at, one in enumerate(lin.problem.data):
-        live = one.scene.arm.live.tolist()
-        if joint not in live:
-            continue
-        a = lin.ports[at]["link", joint]
-        force = np.sum(a.conj() * lin.r[at], axis=1)
-        weight = np.sum(np.abs(a) ** 2, axis=1)
-        q = lin.positions["link"][at][:, len(live) + live.index(joint)]
-        for f, top, bottom in zip(one.sampling.f.tolist(), q.conj() * force, np.abs(q) ** 2 * weight, strict=True):
-            pushed[f] = pushed.get(f, 0j) + complex(top)
-            square[f] = square.get(f, 0.0) + float(bottom)
-    f = np.array(sorted(pushed))
-    if not len(f):
-        return ()
-    z = np.array([abs(pushed[k]) ** 2 / max(square[k], 1e-300) for k in f])
-    best = []
-    for _ in range(PEAKS):
-        k = int(np.argmax(z))
-        best.append(float(f[k]))
-        z[np.abs(np.log(f / f[k])) < 0.1] = 0.0
-    return tuple(best)
-
-
-def _orders(lin: Linearised, kind: type[Effect], joint: int, most: int) -> tuple[float, ...]:
-    """The `most` orders whose waves lie best along the residual, in the records that excite the joint."""
-    if "phase" not in [p.name for p in kind.parameters]:
-        return (1.0,)
-    port = "sensor" if kind.reading is not Effect.reading else kind.port
-    seen = spectrum(lin, port, "motor", joint, float(ORDERS[-1]) + 0.5, 0.5)
-    if seen is None:
-        return (1.0,)
-    best = np.argsort(seen.at(np.array(ORDERS, dtype=float)))[::-1][:most]
-    return tuple(float(ORDERS[k]) for k in best)
-
-
 def _sized(lin: Linearised, effect: Effect, unit: Sequence[float]) -> Candidate | None:
     """The effect with the sizes that fit best to first order, shapes kept; None where none fits within the bounds."""
-    kind, values, names = type(effect), list(effect.values), [p.name for p in effect.parameters]
-    sizes = [k for k, p in enumerate(kind.parameters) if p.zero is not None and not (p.declared or p.aside)]
-    columns, moved = [], []
-    if "phase" in names and "amplitude" in names:
-        a, f = names.index("amplitude"), names.index("phase")
-        for phase in (0.0, np.pi / 2):
-            trial = list(values)
-            trial[f] = phase
-            columns.append(added(lin, effect.with_values(only_size(kind, trial, a))))
-        c, gain = lin.step(columns)
-        values[f] = float(np.arctan2(c[1], c[0]))
-        values[a] *= float(np.hypot(*c))
-    elif sizes:
-        for k in sizes:
-            p = kind.parameters[k]
-            share = 1.0 if p.linear or p.name == "gap" else SMALL
-            size = values[k] if values[k] else unit[k] * max(abs(x) for x in p.sizes)
-            moved.append(size * share)
-            only = only_size(kind, values, k)
-            only[k] = size * share
-            columns.append(added(lin, effect.with_values(only)))
-        stuck = _stuck(lin, effect) if kind.dry else ()
-        if all(column is None for one in columns for at, column in enumerate(one) if at not in stuck):
-            return None
-        c, gain = lin.step(columns, stuck)
-        for k, factor, step in zip(sizes, c, moved, strict=True):
-            values[k] = float(factor * step)
-        if stuck:
-            gain += sum(_held(lin, effect.with_values(values), at) for at in stuck)
+    kind, sizes = type(effect), _sizes_of(type(effect))
+    found: Found | None
+    if any(p.name == "phase" for p in kind.parameters):
+        found = _as_wave(lin, effect)
     else:
-        c, gain = lin.step([added(lin, effect)])
-        if not WITHIN[0] < c[0] < WITHIN[1]:
-            return None
-    if kind.shares is not Effect.shares:  # of first order only: a large change is a guess
-        values = [
-            v if p.zero is None else float(np.clip(v, -CHANGE, CHANGE))
-            for v, p in zip(values, kind.parameters, strict=True)
-        ]
-    scales = []
-    for k, (p, u) in enumerate(zip(kind.parameters, unit, strict=True)):
+        found = _as_large(lin, effect, sizes, unit) if sizes else _as_it_stands(lin, effect)
+    if found is None or not found[1] > 0.0:
+        return None
+    values = _allowed(kind, found[0], unit)
+    return None if values is None else Candidate(effect.with_values(values), found[1], _usual(kind, values, unit))
+
+
+def _sizes_of(kind: type[Effect]) -> list[int]:
+    """The places of the parameters that are sizes, as they are looked for."""
+    return [k for k, p in enumerate(kind.parameters) if p.zero is not None and not (p.declared or p.aside)]
+
+
+def _as_wave(lin: Linearised, effect: Effect) -> Found:
+    """Amplitude and phase that fit best, by the sums of a sine and a cosine."""
+    names, values = [p.name for p in effect.parameters], list(effect.values)
+    a, f = names.index("amplitude"), names.index("phase")
+    waves = [effect.with_value(f, phase) for phase in (0.0, np.pi / 2)]
+    c, gain = lin.step([added(lin, one.with_values(only_size(type(one), one.values, a))) for one in waves])
+    values[f] = float(np.arctan2(c[1], c[0]))
+    values[a] *= float(np.hypot(*c))
+    return values, gain
+
+
+def _as_large(lin: Linearised, effect: Effect, sizes: Sequence[int], unit: Sequence[float]) -> Found | None:
+    """The `sizes`, by their places, that fit best; None if none does anything. Dry friction is taken to hold what hardly moves."""
+    kind, values, columns, moved = type(effect), list(effect.values), [], []
+    for k in sizes:
+        p = kind.parameters[k]
+        size = values[k] if values[k] else unit[k] * max(abs(x) for x in p.sizes)
+        moved.append(size * (1.0 if p.linear or p.name == "gap" else SMALL))
+        only = only_size(kind, values, k)
+        only[k] = moved[-1]
+        columns.append(added(lin, effect.with_values(only)))
+    stuck = _stuck(lin, effect) if kind.dry else ()
+    if all(column is None for one in columns for at, column in enumerate(one) if at not in stuck):
+        return None
+    c, gain = lin.step(columns, stuck)
+    for k, factor, step in zip(sizes, c, moved, strict=True):
+        values[k] = float(factor * step)
+    return values, gain + sum(_held(lin, effect.with_values(values), at) for at in stuck)
+
+
+def _as_it_stands(lin: Linearised, effect: Effect) -> Found | None:
+    """An effect of shapes alone; None where it is meant to be much larger, or smaller."""
+    c, gain = lin.step([added(lin, effect)])
+    return (list(effect.values), gain) if WITHIN[0] < c[0] < WITHIN[1] else None
+
+
+def _allowed(kind: type[Effect], values: Sequence[float], unit: Sequence[float]) -> list[float] | None:
+    """The values of an effect, each within its bounds, changes from record to record at most `CHANGE`; None where a shape is beyond
+    its bounds, or the only size."""
+    allowed = []
+    for value, p, u in zip(values, kind.parameters, unit, strict=True):
+        if p.zero is not None and kind.shares is not Effect.shares:  # of first order only: a large change is a guess
+            value = float(np.clip(value, -CHANGE, CHANGE))
         low, high = bounds(p, u)
-        if not low - 1e-12 * u <= values[k] <= high + 1e-12 * u:
-            if p.zero is None or len(sizes) < 2:
+        if not low - ROUNDED * u <= value <= high + ROUNDED * u:
+            if p.zero is None or len(_sizes_of(kind)) < 2:
                 return None
-            values[k] = float(np.clip(values[k], low, high))
-        usual = max(abs(values[k]), 0.1 * abs(u * max(abs(x) for x in p.sizes)), 1e-12 * abs(u))
-        scales.append(1.0 if p.aside else usual)
-    return Candidate(effect.with_values(values), gain, tuple(scales)) if gain > 0.0 else None
+            value = float(np.clip(value, low, high))
+        allowed.append(value)
+    return allowed
+
+
+def _usual(kind: type[Effect], values: Sequence[float], unit: Sequence[float]) -> tuple[float, ...]:
+    """The scales of the values of an effect: what they are, or a share of what is plausible where that is more."""
+    sizes = [abs(u * max(abs(x) for x in p.sizes)) for p, u in zip(kind.parameters, unit, strict=True)]
+    return tuple(
+        1.0 if p.aside else max(abs(value), LEAST * size, ROUNDED * abs(u))
+        for value, p, size, u in zip(values, kind.parameters, sizes, unit, strict=True)
+    )
 
 
 def _stuck(lin: Linearised, effect: Effect) -> tuple[int, ...]:

@@ -8,11 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.candidates import Candidate, best_of, smallest
+from ident.candidates import Candidate, best_of, of_kinds, smallest
 from ident.choice import Tried, is_curve, left_by
 from ident.curves import curve_of
 from ident.effects.base import Effect
-from ident.effects.catalogue import CATALOGUE
 from ident.effects.creeping import Creeping
 from ident.effects.motor import TorqueScale
 from ident.minima import CREPT, creeping_like, crept, told
@@ -58,14 +57,11 @@ def balanced(lin: Linearised, effects: Sequence[Effect]) -> list[Candidate]:
 def besides(lin: Linearised, effects: Sequence[Effect]) -> tuple[list[Candidate], list[Candidate]]:
     """Names, and curves, of the velocity at the ports of dry friction, whatever they promise: friction of another level does nearly what
     they do, so that as long as its motion is held none is missed."""
-    names, curves = [], []
-    for port, joint in {(e.port, e.joint): None for e in effects if e.dry}:
-        assert joint is not None
-        kinds = [k for k in CATALOGUE.values() if k.port == port and k.drags]
-        names += [smallest(lin, kind, joint) for kind in kinds]
-        curves += [c for c in [curve_of(lin, port, joint, "velocity")] if c is not None]
-    new = [[c for c in found if all(not same(c.effect, e) for e in effects)] for found in (names, curves)]
-    return new[0], new[1]
+    rubs = {(e.port, e.joint): None for e in effects if e.dry}
+    kinds = of_kinds(lin, lambda kind, joint: kind.drags and (kind.port, joint) in rubs, effects)
+    curves = [curve_of(lin, port, joint, "velocity") for port, joint in rubs if joint is not None]
+    new = [c for c in curves if c is not None and all(not same(c.effect, e) for e in effects)]
+    return [smallest(lin, kind, joint) for kind, joint in kinds], new
 
 
 def _likewise(one: State, other: State) -> list[Refit]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.campaign import Array
-from ident.candidates import Candidate, bounds, side_of, units
+from ident.candidates import Candidate, added, bounds, side_of, units
 from ident.effects.base import Effect
 from ident.effects.learned import KINDS, VARIABLES, Learned, learned, of_place, variable
 from ident.effects.response import Response, response
@@ -52,7 +52,7 @@ def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
                 if of_place(port, name):
                     highest = HIGHEST * _turns(lin, port, joint)
                     seen = spectrum(lin, port, "link" if port == "link" else "motor", joint, highest, of=name)
-                    if seen is not None and seen.fall.size:
+                    if seen is not None:
                         waves.append((float(seen.fall.max()), port, joint, name, seen))
     found = _drawn(lin, [shape for shape in shapes if shape is not None], workers)
     for _, port, joint, name, seen in sorted(waves, key=lambda wave: -wave[0])[:REPEATING]:
@@ -184,7 +184,7 @@ def wave(lin: Linearised, port: str, joint: int, highest: float, workers: int = 
     lin.prepare()
     turns = _turns(lin, port, joint)
     seen = spectrum(lin, port, port, joint, highest * turns, LONGEST * turns)
-    if seen is None or not seen.fall.size:
+    if seen is None:
         return None
     orders = np.add.outer(seen.peaks(REPEATING), np.linspace(-0.5, 0.5, CLOSER) * seen.resolved).ravel()
     shapes = [_round(port, joint, "position", 3, order) for order in orders[orders >= LONGEST * turns].tolist()]
@@ -205,19 +205,9 @@ def _drawn(lin: Linearised, shapes: Sequence[Shape], workers: int) -> list[Candi
 
 def _heights(lin: Linearised, kind: type[Effect], joint: int) -> tuple[Array, float]:
     """Heights of a curve that fit best to first order, and by how much chi^2 falls."""
-    ones = [kind(joint, tuple(row)) for row in np.eye(len(kind.parameters)).tolist()]
-    columns: list[list[Complex | None]] = [[] for _ in ones]
-    for one, motion, ports in zip(lin.problem.data, lin.motions[side_of(kind.port)], lin.ports, strict=True):
-        if joint not in one.scene.arm.live:
-            for column in columns:
-                column.append(None)
-            continue
-        told = [unit.reading(motion) if kind.port == "sensor" else unit.force(motion) for unit in ones]
-        law = np.stack([np.asarray(one) for one in told], axis=1)
-        for column, force in zip(columns, one.scene.at_lines(law).T, strict=True):
-            column.append(ports[kind.port, joint] * force[:, None] if np.any(force) else None)
+    columns = [added(lin, kind(joint, tuple(row))) for row in np.eye(len(kind.parameters)).tolist()]
     if all(part is None for column in columns for part in column):
-        return np.zeros(len(ones)), 0.0
+        return np.zeros(len(columns)), 0.0
     heights, gain = lin.step(columns)
     low, high = np.transpose([bounds(p, u) for p, u in zip(kind.parameters, units(lin, kind, joint), strict=True)])
     return np.clip(heights, low, high), gain

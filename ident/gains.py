@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ident.candidates import Candidate, best_of
+from ident.candidates import Candidate, best_of, of_kinds
 from ident.choice import ALIKE, Tried, left_by
 from ident.effects.base import Effect, overrides
-from ident.effects.catalogue import CATALOGUE
 from ident.effects.response import Response
 from ident.minima import LEAST_GAIN, fully, told
 from ident.parts import degrees
@@ -33,6 +32,7 @@ def named_gains(bench: Bench, state: State, progress: Callable[[str], None]) -> 
     tried: list[Tried] = []
     for _, lead in refitted(bench, plain, _likely(bench, lin, curve.joint, ()), progress):
         there = linearised(lead.problem, lead.minimum.vector)
+        # both ways round: beside one that does the work of both, the other may promise nothing
         tried += refitted(bench, lead, _likely(bench, there, curve.joint, lead.effects), progress)
     if not tried:
         return None
@@ -49,12 +49,7 @@ def _likely(
     bench: Bench, lin: Linearised, joint: int | None, taken: Sequence[Effect]
 ) -> list[tuple[Candidate, Linearised]]:
     """Every gain of the catalogue at a joint that is not `taken`, as it fits best to first order."""
-    there = {(e.name, e.joint) for e in taken}
-    kinds = [
-        kind
-        for kind in CATALOGUE.values()
-        if overrides(kind, *GAINS) and kind.injectable and (kind.name, joint) not in there
-    ]
+    kinds = of_kinds(lin, lambda kind, there: there == joint and overrides(kind, *GAINS), taken)
     lin.prepare()
-    found = forked(lambda kind: best_of(lin, kind, joint), kinds, bench.workers)
+    found = forked(lambda one: best_of(lin, *one), kinds, bench.workers)
     return [(c, lin) for c in found if c is not None]

@@ -54,7 +54,8 @@ def spectrum(
     """What waves of the position of a joint at a `side` would explain, acting at a `port`, in the records that excite it.
 
     Orders [1/rad] from the `lowest` (None: that repeats itself in what the records cover) to the `highest`; `of`: the variable of
-    a learned curve of such a wave. None where nothing moves, or farther than a joint does.
+    a learned curve of such a wave. None where nothing moves, or so little that it tells none of these orders apart, or farther than a
+    joint does.
     """
     own = [k for k, one in enumerate(lin.problem.data) if one.excited == joint]
     places = [lin.motions[side][k].state(joint).at(side)[0] for k in own]
@@ -67,6 +68,11 @@ def spectrum(
     orders = np.geomspace(lowest, highest, POWERS)
     cell = 2.0 * np.pi / (CELLS * highest)
     count = int(span / cell) + 1
+    n = int(2 ** np.ceil(np.log2(FINE * count)))
+    every = 2.0 * np.pi / (n * cell) * np.arange(n // 2)
+    use = (every >= lowest) & (every <= highest)
+    if not use.any():
+        return None
     weight, powers = np.zeros(count), np.zeros(POWERS)
     for k, x in zip(own, places, strict=True):
         scene, a = lin.problem.data[k].scene, lin.ports[k][port, joint]
@@ -77,8 +83,5 @@ def spectrum(
         square = np.sum(np.abs(a) ** 2, axis=1)
         wave = scene.at_lines(times[:, None] * np.exp(1j * x[:, None] * orders).view(float))
         powers += 0.25 * (square @ np.abs(wave) ** 2).reshape(POWERS, 2).sum(axis=1)
-    n = int(2 ** np.ceil(np.log2(FINE * count)))
-    every = 2.0 * np.pi / (n * cell) * np.arange(n // 2)
-    use = (every >= lowest) & (every <= highest)
     fall = np.abs(np.fft.fft(weight, n)[: n // 2][use]) ** 2 / np.maximum(np.interp(every[use], orders, powers), 1e-300)
     return Spectrum(every[use], fall, 2.0 * np.pi / span)

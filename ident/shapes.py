@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
-from ident.candidates import Candidate, added, units
+from ident.candidates import Candidate, added, of_kinds, units
 from ident.effects.base import Effect, Parameter, only_impedance
-from ident.effects.catalogue import CATALOGUE
 from ident.trace import Linearised
 
 #: The least scale of a value.
@@ -27,16 +26,12 @@ def only_shapes(effect: Effect | type[Effect]) -> bool:
 def bending(lin: Linearised, taken: Sequence[Effect]) -> list[Candidate]:
     """The impedances of shapes alone at every joint, or of the arm, that are not `taken` yet, each from a few plausible shapes."""
     found = []
-    for kind in CATALOGUE.values():
-        if not only_shapes(kind):
-            continue
-        places: list[int | None] = list(range(lin.problem.n)) if "joint" in kind.scope else [None]
-        for joint in (place for place in places if all((kind.name, place) != (e.name, e.joint) for e in taken)):
-            unit = units(lin, kind, joint)
-            options = [_plausible(p, u) for p, u in zip(kind.parameters, unit, strict=True)]
-            effects = [kind(joint, values) for values in product(*options)]
-            effects = [e for e in effects if only_impedance(e) and any(x is not None for x in added(lin, e))]
-            found += [Candidate(e, 0.0, tuple(max(abs(v), TINY) for v in e.values)) for e in effects]
+    for kind, joint in of_kinds(lin, lambda kind, _: only_shapes(kind), taken):
+        unit = units(lin, kind, joint)
+        options = [_plausible(p, u) for p, u in zip(kind.parameters, unit, strict=True)]
+        effects = [kind(joint, values) for values in product(*options)]
+        effects = [e for e in effects if only_impedance(e) and any(x is not None for x in added(lin, e))]
+        found += [Candidate(e, 0.0, tuple(max(abs(v), TINY) for v in e.values)) for e in effects]
     return found
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.candidates import Candidate, best_of, catalogue, larger, nearer, otherwise
+from ident.candidates import Candidate, best_of, catalogue, larger, nearer, of_kinds, otherwise
 from ident.choice import (
     AHEAD,
     LEAST_SHARE,
@@ -23,7 +23,6 @@ from ident.choice import (
 from ident.contact import as_it_creeps, balanced, besides
 from ident.curves import curves, responses
 from ident.effects.base import Effect, only_impedance, overrides
-from ident.effects.catalogue import CATALOGUE
 from ident.effects.structure import LockedJointElasticity
 from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
 from ident.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
@@ -307,12 +306,12 @@ def giving(
     effect = one[1].effects[-1]
     if not only_impedance(effect) or effect.joint is None or effect.numbers < 2:
         return []
-    known = {other.key for other, _ in tried} | {(e.name, e.joint, e.port) for e in state.effects}
-    kinds = [
-        k for k in CATALOGUE.values() if "joint" in k.scope and overrides(k, "impedance") and len(k.parameters) > 1
-    ]
-    names = [c for c in (best_of(lin, kind, effect.joint) for kind in kinds) if c is not None]
-    likely = [c for c in names if only_impedance(c.effect) and c.key not in known]
+    known = [*state.effects, *(other.effect for other, _ in tried)]
+    kinds = of_kinds(
+        lin, lambda k, at: at == effect.joint and overrides(k, "impedance") and len(k.parameters) > 1, known
+    )
+    names = [best_of(lin, *one) for one in kinds]
+    likely = [c for c in names if c is not None and only_impedance(c.effect)]
     return refitted(bench, state, [(c, lin) for c in likely], progress)
 
 

@@ -176,7 +176,9 @@ def test_a_joint_that_hardly_moves_tells_no_order() -> None:
     problem, vector = declared(replace(c, records=(replace(one, tau=tau, theta=theta),)), (), "usable")
     lin = linearise(problem, vector, hold(problem, vector))
     assert spectrum(lin, "motor", "motor", 1, 100.5, 0.5) is None and wave(lin, "motor", 1, 100.5) is None
-    found = [best_of(lin, CATALOGUE[name], 1) for name in ("torque-ripple", "transmission-error", "encoder-eccentricity")]
+    found = [
+        best_of(lin, CATALOGUE[name], 1) for name in ("torque-ripple", "transmission-error", "encoder-eccentricity")
+    ]
     assert {one.effect["order"] for one in found if one is not None} <= {1.0}
 
 
