@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import exp, pi, sqrt
+from math import exp, inf, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,12 @@ GRAVITY_MARGIN = 3.0
 #: Lowest bandwidth of the hold [Hz]: it lets transients die within a few seconds and stays well below the first mode.
 HOLD_BANDWIDTH = 0.5
 
+#: What helps where no lock of the held joints is safe, and where the hold of the excited one is not.
+LOCK_REMEDY = "lower lock_pd_Hz, raise lock_dob_Hz or raise the sampling rate"
+HOLD_REMEDY = "raise the sampling rate, check K_Nm_per_rad (K_N_per_m) and J_m_kgm2, or another posture"
+
 _FAST = 0.1  # a mode that falls to a tenth within one sample has no resonance
+_OBSERVED = 1e-9  # below this |S| at rest there is an observer: its gain is infinite there, and no factor makes it less
 
 
 @dataclass(frozen=True)
@@ -55,14 +60,25 @@ def lock_servo(J_m: float, f_pd: float, f_dob: float) -> Servo:
     return Servo(kp=J_m * w * w, kd=2 * LOCK_DAMPING * J_m * w, J=J_m, dob=2 * pi * f_dob)
 
 
-def hold_servo(N: float, inertia: float, gravity_stiffness: float, damping: float = 0.0) -> Servo:
-    """A soft PD for the excited joint: `inertia` [kg m2], `gravity_stiffness` dG_i/dq_i [N m/rad] and the motor's own
-    `damping` N^2 D [N m s/rad] joint side. Heavy damping needs a stiffer hold: the joint creeps back at stiffness/damping.
+def hold_servo(N: float, inertia: float, gravity_stiffness: float, damping: float = 0.0, spring: float = inf) -> Servo:
+    """A soft PD for the excited joint: `inertia` [kg m2], `gravity_stiffness` dG_i/dq_i [N m/rad, negative where the link
+    falls], the motor's own `damping` N^2 D [N m s/rad] and the `spring` K [N m/rad] joint side. Heavy damping needs a stiffer
+    hold: the joint creeps back at stiffness/damping.
 
+    A link that falls feels hold and spring in series: k K/(k + K) is to be `GRAVITY_MARGIN` |dG/dq|. ExperimentError where
+    the spring alone is softer than that.
     No integral action during the record: it would eat the lowest lines. It has acted before, and its result is the preload.
     """
-    w = 2 * pi * HOLD_BANDWIDTH
-    stiffness = max(GRAVITY_MARGIN * abs(gravity_stiffness), inertia * w**2, damping * w)
+    w, needed = 2 * pi * HOLD_BANDWIDTH, GRAVITY_MARGIN * abs(gravity_stiffness)
+    if gravity_stiffness < 0:
+        if spring <= needed:
+            raise ExperimentError(
+                f"its spring of {spring:.4g} N m/rad does not hold its link, which gravity pushes away with "
+                f"{-gravity_stiffness:.3g} N m/rad, expected more than {GRAVITY_MARGIN:g} times that; a stiffer spring or "
+                "another posture"
+            )
+        needed /= 1 - needed / spring
+    stiffness = max(needed, inertia * w**2, damping * w)
     return Servo(kp=stiffness / N**2, kd=2 * HOLD_DAMPING * sqrt(stiffness * inertia) / N**2)
 
 
@@ -142,20 +158,22 @@ def close_loop(A: Array, B: Array, C: Array, servos: Sequence[Servo], Ts: float)
 class Margins:
     """How far the loops are from instability, each opened at one motor: the worst of all motors.
 
-    A motor's gain may be multiplied by anything from `gain_down` to `gain_up` (1), its phase turned by `phase` [deg];
-    `distance` is the least |1 + L|: it bears both at once.
+    A motor's gain may be multiplied by anything from `gain_down` to `gain_up` (1), its phase turned by `phase` [deg], its
+    torque come `delay` [s] later; `distance` is the least |1 + L|: it bears gain and phase at once.
     """
 
     gain_down: float
     gain_up: float
     phase: float
     distance: float
+    delay: float
 
 
 def margins(loop: ClosedLoop) -> Margins:
     """Returns the margins of a stable sampled loop, all joints coupled; infinite, zero or 180 deg where nothing is crossed.
 
-    Read on frequencies as close as the resonances of the closed loop are narrow, and interpolated between them.
+    Read on frequencies as close as the resonances of the closed loop are narrow, and interpolated between them; at zero
+    and half the sampling frequency L is real without crossing anything.
     """
     poles = np.linalg.eigvals(loop.A)
     poles = poles[(np.abs(poles) > _FAST) & (poles.imag >= 0)]
@@ -164,18 +182,21 @@ def margins(loop: ClosedLoop) -> Margins:
     w = np.unique(np.concatenate([np.geomspace(1e-5 * pi, pi, 150), around[(around > 1e-5) & (around < pi)]]))
     S = loop.sensitivity(w / (2 * pi * loop.Ts))
     L = 1 / S - 1
-    gain = np.log(np.abs(L))
-    k, i, part = _crossings(gain)
-    turned = np.angle(L[k, i] * (L[k + 1, i] / L[k, i]) ** part)
-    phase = 180 - np.degrees(np.abs(turned)).max(initial=0.0)
+    k, i, part = _crossings(np.log(np.abs(L)))
+    turn = np.angle(L[k, i] * (L[k + 1, i] / L[k, i]) ** part)
+    delay = (turn + pi) % (2 * pi) / (w[k] + part * (w[k + 1] - w[k]))
     k, i, part = _crossings(L.imag)
-    real = L[k, i].real + part * (L[k + 1, i].real - L[k, i].real)
+    ends = loop.sensitivity(np.array([0.0, 0.5 / loop.Ts])).real
+    real = np.concatenate(
+        [L[k, i].real + part * (L[k + 1, i].real - L[k, i].real), 1 / ends[np.abs(ends) > _OBSERVED] - 1]
+    )
     factors = -1 / real[real < 0]
     return Margins(
         float(factors[factors < 1].max(initial=0.0)),
         float(factors[factors > 1].min(initial=np.inf)),
-        float(phase),
-        float(1 / np.abs(S).max()),
+        float(180 - np.degrees(np.abs(turn)).max(initial=0.0)),
+        float(1 / max(np.abs(S).max(), np.abs(ends).max())),
+        float(delay.min(initial=np.inf) * loop.Ts),
     )
 
 
@@ -191,12 +212,15 @@ def _gains(servo: Servo, Ts: float) -> tuple[float, float, float, float, float]:
     return (servo.kp, servo.kd, servo.dob * servo.J, *((a, 1.0 - a) if servo.dob else (0.0, 0.0)))
 
 
-def check_stable(loop: ClosedLoop, where: str) -> float:
-    """Returns the growth rate [1/s]; ExperimentError, beginning with `where` (joint and posture), if it is not negative."""
+def check_stable(loop: ClosedLoop, where: str, held: bool = True) -> float:
+    """Returns the growth rate [1/s]; ExperimentError, beginning with `where` (joint and posture), if it is not negative.
+
+    `held` is whether there are joints held by locks besides the excited one.
+    """
     growth = loop.growth
     if not growth < 0:
+        what, remedy = ("lock", LOCK_REMEDY) if held else ("hold", HOLD_REMEDY)
         raise ExperimentError(
-            f"{where}: the sampled lock is unstable (growth rate {growth:+.3g} 1/s, expected < 0); "
-            "lower lock_pd_Hz, raise lock_dob_Hz or raise the sampling rate"
+            f"{where}: the sampled {what} is unstable (growth rate {growth:+.3g} 1/s, expected < 0); {remedy}"
         )
     return growth

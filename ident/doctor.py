@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.campaign import Array
 from ident.design import Setup, prepare
-from ident.doctor_findings import Finding, JointCheck, of_band, of_drive, of_locks, of_plan
+from ident.doctor_findings import STILL, Finding, JointCheck, of_band, of_drive, of_locks, of_plan
 from ident.errors import ExperimentError
 from ident.plant import gravity_forces
 from symgen.plan import Cell, Plan, plan_of_robot
@@ -80,9 +80,11 @@ def _joint(robot: Robot, plan: Plan, i: int, setups: Sequence[tuple[Cell, Setup]
     mine = [setup for cell, setup in setups if cell.joint == name]
     seen = [(_visible(setup, drive, e.samples_per_period), _top(setup)) for setup in mine]
     visible, visible_at = min(seen, default=(None, None))
+    counts = [_counts(setup, [robot.drive(joint) for joint in model.chain.names]) for setup in mine]
     limits = np.array([robot.drive(joint).tau_max for joint in model.chain.names])
     return JointCheck(
         joint=name,
+        linear=drive.linear,
         J=_range(J),
         rotor=rotor,
         ratio=_range(J / rotor),
@@ -94,10 +96,13 @@ def _joint(robot: Robot, plan: Plan, i: int, setups: Sequence[tuple[Cell, Setup]
         sag=weight / drive.K,
         records=len(own),
         swing=max((setup.swing for setup in mine), default=None),
+        counts=min((own for own, _ in counts), default=None),
+        held_counts=min((held for _, held in counts if held > STILL), default=None),
         torque=max((float((setup.torque / limits[list(setup.live)]).max()) for setup in mine), default=None),
         settling=max((setup.settle for setup in mine), default=None),
         periods=max((setup.periods for setup in mine), default=None),
         margin=min((setup.margins.distance for setup in mine), default=None),
+        delay=min((setup.margins.delay * e.fs for setup in mine), default=None),
         held=max((setup.held for setup in mine), default=None),
         visible=visible,
         visible_at=visible_at,
@@ -134,6 +139,13 @@ def _visible(setup: Setup, drive: Drive, samples: int) -> float:
     angle = top.amplitude[-1] / (drive.J_m * (2 * pi * top.lines[-1] * top.f0) ** 2)
     step = 2 * pi / drive.encoder_counts
     return float(angle / (step * sqrt(2 / (3 * samples))))  # as `frf` has it for odd lines
+
+
+def _counts(setup: Setup, drives: Sequence[Drive]) -> tuple[float, float]:
+    """Encoder counts that the excited motor moves through, and the one of the held motors that moves through most."""
+    per_rad = np.array([abs(drives[k].N) * drives[k].encoder_counts / (2 * pi) for k in setup.live])
+    counts, port = 2 * setup.motion * per_rad, setup.live.index(setup.joint)
+    return float(counts[port]), float(np.delete(counts, port).max(initial=0.0))
 
 
 def _range(values: Array) -> tuple[float, float]:

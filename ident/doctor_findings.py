@@ -15,6 +15,10 @@ from symgen.robot import MOST_SAMPLES, Experiment, Robot, recordable
 LIGHT = 0.1
 #: Angles at the highest line that are less than this many times the encoder's noise tell little.
 VISIBLE = 10.0
+#: A motor that moves through fewer counts of its encoder than `STEPS` is not seen to move. The error of few counts is no noise:
+#: gains read from two are off by ten sigma, from three by three, from four and more by less than two; `COUNTS` is one more.
+#: Below `STILL` a motor is read as standing, which it then does.
+STEPS, COUNTS, STILL = 2.0, 5.0, 0.1
 #: A resonance is resolved when this many excited lines lie within its half-power width.
 RESOLVED = 1.0
 #: Held motors that move more than this, relative to the excited one, show in a two-mass fit.
@@ -23,20 +27,23 @@ HELD = 0.02
 
 @dataclass(frozen=True)
 class JointCheck:
-    """One joint over the workspace, and at the postures planned for it.
+    """One joint over the workspace, and at the postures planned for it; a `linear` one has m, N and kg for rad, N m and kg m2.
 
     `J` [2] least and largest J_ii [kg m2], `rotor` N^2 J_m, `ratio` [2] of the two; `f_AR`, `f_R` [2, Hz] over the
     workspace and `planned_f_AR`, `planned_f_R` at the planned postures, other joints rigid; `gravity` the largest share of
     the motor's torque; `sag` [rad] the largest static deflection of the spring. Of the `records` that excite it: `swing`
-    [rad] predicted; `torque` the largest share of any motor's limit; `settling` and `periods` the most that any needs and
-    lasts; `margin` the least distance of a loop from -1; `held` the largest velocity of a held motor over the excited
-    one's; `visible` the least angle at the highest line over the encoder's noise, that line being at `visible_at` [Hz];
+    [rad] predicted; `counts` the fewest encoder counts that its motor moves through, `held_counts` those that the held
+    motor moves through which moves through most; `torque` the largest share of any motor's limit; `settling` and `periods`
+    the most that any needs and lasts; `margin` the least distance of a loop from -1; `delay` the fewest samples of delay
+    that make one unstable; `held` the largest velocity of a held motor over the excited one's, see `design.Setup`;
+    `visible` the least angle at the highest line over the encoder's noise, that line being at `visible_at` [Hz];
     `beyond` [f_R of two masses, highest line, Hz] of the record that misses its resonance by most, None where none
     does; `unseen` [f_AR, highest line, Hz] the same of the anti-resonance that tells most of J_ii, with the other
     joints' springs. None: no record could be designed.
     """
 
     joint: str
+    linear: bool
     J: tuple[float, float]
     rotor: float
     ratio: tuple[float, float]
@@ -48,10 +55,13 @@ class JointCheck:
     sag: float
     records: int
     swing: float | None
+    counts: float | None
+    held_counts: float | None
     torque: float | None
     settling: int | None
     periods: int | None
     margin: float | None
+    delay: float | None
     held: float | None
     visible: float | None
     visible_at: float | None
@@ -105,14 +115,22 @@ def of_locks(plan: Plan, setups: Sequence[Setup]) -> list[Finding]:
         noted = [setup for setup in setups if setup.joint == i and setup.note]
         if noted:
             why = f"{place(name, noted[0].posture)}: {noted[0].note}"
-            unseen = "is not seen here" in noted[0].note
             what = f"{name}: {len(noted)} of its records not run as robot.toml has it"
-            found.append(Finding(what, why, "sample_rate_Hz, band_Hz or K" if unseen else "none needed", False))
+            helps = (
+                ("is not seen here", "sample_rate_Hz, band_Hz or K"),
+                ("from its limit", "other postures"),
+                (
+                    "raise the sampling rate",
+                    "a higher sample_rate_Hz: a controller that acts a sample late may let it swing up",
+                ),
+            )
+            remedy = "; ".join(remedy for said, remedy in helps if said in noted[0].note)
+            found.append(Finding(what, why, remedy or "none needed", False))
     loose = max(setups, key=lambda setup: setup.held, default=None)
     if loose is not None and loose.held > HELD:
         found.append(
             Finding(
-                f"held motors move up to {loose.held:.2g} of the excited one's velocity",
+                f"held motors take up to {loose.held:.2g} of the excited one's motion",
                 "two masses then do not describe a joint",
                 "ident fit --method coupled, which reads all motors",
                 False,
@@ -198,9 +216,10 @@ def of_drive(check: JointCheck, robot: Robot) -> list[Finding]:
             )
         )
     if check.sag > POSTURE_TOLERANCE:
+        unit = "mm" if check.linear else "mrad"
         found.append(
             Finding(
-                f"{name}: its spring gives by up to {1e3 * check.sag:.3g} mrad under gravity",
+                f"{name}: its spring gives by up to {1e3 * check.sag:.3g} {unit} under gravity",
                 "the link is not where the motor says; K of the datasheet is used to tell",
                 "a sound K, or a link encoder",
                 False,
@@ -215,12 +234,36 @@ def of_drive(check: JointCheck, robot: Robot) -> list[Finding]:
                 False,
             )
         )
-    if check.visible is not None and check.visible < VISIBLE:
+    return found + of_encoders(check)
+
+
+def of_encoders(check: JointCheck) -> list[Finding]:
+    """The motion of excited and held motors against what their encoders tell."""
+    name, found = check.joint, []
+    if check.counts is not None and check.counts < STEPS:
+        found.append(
+            Finding(
+                f"{name}: its motor moves through {check.counts:.2g} counts of its encoder",
+                "angles of so few steps tell nothing of the responses",
+                "a larger swing_rad, a finer encoder",
+                True,
+            )
+        )
+    elif check.visible is not None and check.visible < VISIBLE:
         found.append(
             Finding(
                 f"{name}: at {check.visible_at:.4g} Hz its motor moves {check.visible:.2g} times the encoder's noise",
-                "the upper lines tell little",
+                "the upper lines tell little" if check.visible >= 1 else "the upper lines tell nothing",
                 "a larger swing_rad or torque, more periods, a finer encoder",
+                check.visible < 1,
+            )
+        )
+    if check.held_counts is not None and check.held_counts < COUNTS:
+        found.append(
+            Finding(
+                f"{name}: in its records held motors move through as little as {check.held_counts:.2g} counts of their encoders",
+                "the error of so few steps is no noise: sigma of J(q) comes out too small",
+                "a larger swing_rad, finer encoders",
                 False,
             )
         )

@@ -7,6 +7,7 @@ from typing import Any
 
 from ident.doctor import Examination
 from ident.doctor_findings import JointCheck
+from ident.plain import plain
 
 
 def document(found: Examination) -> dict[str, Any]:
@@ -20,17 +21,13 @@ def document(found: Examination) -> dict[str, Any]:
         "records": len(found.plan.cells),
         "minutes": found.seconds / 60,
         "band_Hz": list(found.robot.experiment.band),
-        "joints": [vars(check) for check in found.joints],
+        "joints": [plain(vars(check)) for check in found.joints],
         "findings": [vars(finding) for finding in found.findings],
     }
 
 
 def page(found: Examination) -> str:
-    """The examination as one page of text; SI units, with m, N and kg for slides.
-
-    Of planned records: `settles` periods until transients have died, of those recorded; `margin` least distance of a loop
-    from -1; `held` velocity of held motors over the excited one's; `visible` angle at the highest line over encoder noise.
-    """
+    """The examination as one page of text."""
     e, plan = found.robot.experiment, found.plan
     chain = plan.model.chain
     width = max(17, *(len(name) + 2 for name in chain.names))
@@ -46,11 +43,13 @@ def page(found: Examination) -> str:
         "",
         _row("planned records", width, _PLANNED, _PLANNED_SIZES),
         *(_planned(check, width) for check in found.joints),
+        _LEGEND,
         "",
     ]
     for finding in found.findings:
         mark = "!" if finding.serious else "-"
-        rows.append(f"{mark} {finding.what}: {finding.why}. Remedy: {finding.remedy or 'none known'}.")
+        remedy = f" Remedy: {finding.remedy}." if finding.remedy else ""
+        rows.append(f"{mark} {finding.what}: {finding.why}.{remedy}")
     serious = sum(finding.serious for finding in found.findings)
     rows.append(
         "Ready for a campaign." if found.ready else f"NOT READY: {serious} problem{'s' * (serious > 1)}, marked !."
@@ -59,9 +58,24 @@ def page(found: Examination) -> str:
 
 
 _WORKSPACE = ("J_ii [kg m2]", "N^2 J_m", "J_ii / N^2 J_m", "f_AR [Hz]", "f_R [Hz]", "gravity", "sag [mrad]")
-_PLANNED = ("number", "f_AR [Hz]", "f_R [Hz]", "swing [mrad]", "torque", "settles", "margin", "held", "visible")
+_PLANNED = (
+    "number",
+    "f_AR [Hz]",
+    "f_R [Hz]",
+    "swing [mrad]",
+    "torque",
+    "settles",
+    "margin",
+    "delay",
+    "held",
+    "visible",
+)
 _SIZES = (17, 16, 16, 14, 14, 10, 12)
-_PLANNED_SIZES = (8, 15, 15, 14, 9, 10, 9, 9, 10)
+_PLANNED_SIZES = (8, 15, 15, 14, 9, 10, 9, 9, 9, 10)
+_LEGEND = (
+    "settles: periods, of those recorded; margin: least |1 + L|; delay: samples that every loop bears; held: motion of held motors "
+    "over the excited one's; visible: motion at the highest line over encoder noise"
+)
 
 
 def _row(name: str, width: int, cells: Sequence[str], sizes: Sequence[int]) -> str:
@@ -69,22 +83,23 @@ def _row(name: str, width: int, cells: Sequence[str], sizes: Sequence[int]) -> s
 
 
 def _workspace(check: JointCheck, width: int) -> str:
+    mass, far = (" kg", " mm") if check.linear else ("", "")
     cells = (
-        _span(check.J), f"{check.rotor:.3g}", _span(check.ratio), _span(check.f_AR), _span(check.f_R),
-        f"{check.gravity:.0%}", f"{1e3 * check.sag:.2g}",
+        _span(check.J) + mass, f"{check.rotor:.3g}{mass}", _span(check.ratio), _span(check.f_AR), _span(check.f_R),
+        f"{check.gravity:.0%}", f"{1e3 * check.sag:.2g}{far}",
     )  # fmt: skip
     return _row(check.joint, width, cells, _SIZES)
 
 
 def _planned(check: JointCheck, width: int) -> str:
-    def figure(value: float | None, kind: str, scale: float = 1.0) -> str:
-        return "-" if value is None else format(scale * value, kind)
+    def figure(value: float | None, kind: str, scale: float = 1.0, unit: str = "") -> str:
+        return "-" if value is None else format(scale * value, kind) + unit
 
     settles = "-" if check.settling is None else f"{check.settling} of {check.periods}"
     cells = (
-        str(check.records), _span(check.planned_f_AR), _span(check.planned_f_R), figure(check.swing, ".3g", 1e3),
-        figure(check.torque, ".0%"), settles, figure(check.margin, ".2f"), figure(check.held, ".2g"),
-        figure(check.visible, ".3g"),
+        str(check.records), _span(check.planned_f_AR), _span(check.planned_f_R),
+        figure(check.swing, ".3g", 1e3, " mm" if check.linear else ""), figure(check.torque, ".0%"), settles,
+        figure(check.margin, ".2f"), figure(check.delay, ".2g"), figure(check.held, ".2g"), figure(check.visible, ".3g"),
     )  # fmt: skip
     return _row(check.joint, width, cells, _PLANNED_SIZES)
 

@@ -27,7 +27,8 @@ DAMPING, MOTOR_DAMPING = 0.01, 1.0
 #: A joint whose effort the URDF does not state gets this many times what gravity takes, or what moves link and rotor at
 #: this [rad/s2 or m/s2], whichever is more.
 RESERVE, ACCELERATION = 4.0, 10.0
-
+#: What a robot.toml may hold of J_m, K, both dampings and the motor's torque (`symgen.robot`), whatever the links weigh.
+_J_M, _K, _DAMPING, _TORQUE = (1e-12, 1e3), (1e-3, 1e12), (0.0, 1e9), (1e-9, 1e6)
 _POSTURES = 200
 _LARGE = 1e6  # N m: what a URDF with a larger effort says is "no limit"
 
@@ -68,10 +69,11 @@ def starting_drives(chain: Chain, gravity: Array) -> tuple[tuple[Drive, ...], Ar
     for joint, inertia, weight in zip(chain.joints, middle, force, strict=True):
         slide = joint.type == PRISMATIC
         N = SPINDLE if slide else GEAR
-        J_m, K = inertia / N**2, inertia * (2 * pi * F_AR) ** 2
+        J_m, K = np.clip(inertia / N**2, *_J_M), np.clip(inertia * (2 * pi * F_AR) ** 2, *_K)
         limit, _ = _effort(joint.effort, weight, inertia, slide)
-        D, D_spring = MOTOR_DAMPING * J_m, 2 * DAMPING * sqrt(K * inertia)
-        N, J_m, K, D, D_spring, tau_max = map(_two_digits, (N, J_m, K, D, D_spring, limit / N))
+        D, D_spring = np.clip((MOTOR_DAMPING * J_m, 2 * DAMPING * sqrt(K * inertia)), *_DAMPING)
+        tau_max = np.clip(limit / N, *_TORQUE)
+        N, J_m, K, D, D_spring, tau_max = map(_two_digits, (N, J_m, K, D, D_spring, tau_max))
         drives.append(Drive(joint.name, N, J_m, K, D, D_spring, 131072, tau_max, slide))
     return tuple(drives), np.stack([J.min(axis=0), J.max(axis=0)], axis=1), force
 

@@ -99,6 +99,16 @@ def test_servos_follow_their_definition() -> None:
     assert heavy.kd > 0 and heavy.dob == 0.0
 
 
+def test_a_link_that_falls_is_held_through_its_spring() -> None:
+    """What the link feels of hold k and spring K is k K/(k + K); a hanging link needs neither of them."""
+    K, falls = 100.0, -21.0
+    k = hold_servo(100.0, 0.7, falls, spring=K).kp * 100**2
+    assert k * K / (k + K) == pytest.approx(GRAVITY_MARGIN * 21.0)
+    assert hold_servo(100.0, 0.7, 21.0, spring=10.0).kp * 100**2 == pytest.approx(GRAVITY_MARGIN * 21.0)
+    with pytest.raises(ExperimentError, match=r"its spring of 63 N m/rad .* pushes away with 21 N m/rad.*; a stiffer"):
+        hold_servo(100.0, 0.7, falls, spring=63.0)
+
+
 @pytest.mark.parametrize("ratio", [5.0, 10.0, 14.0, 25.0])
 def test_routh_bound_of_the_lock(ratio: float) -> None:
     """A rigid load of `ratio` times the rotor: stable up to 16 times, as the constant's comment says."""

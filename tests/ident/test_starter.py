@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,11 @@ import pinocchio as pin
 import pytest
 
 from ident.cli import main
+from ident.design import prepare
 from ident.doctor import Examination, examine
+from ident.doctor_findings import of_encoders, of_locks
 from ident.doctor_page import page
-from ident.errors import IdentError
+from ident.errors import ExperimentError, IdentError
 from ident.starter import new_robot, starting_drives
 from symgen.errors import RobotError
 from symgen.plan import chain_of_file, chain_of_robot
@@ -89,6 +92,16 @@ def test_names_of_several_lines_stay_in_their_comment(tmp_path: Path) -> None:
     assert toml.read_text().startswith("# ypp3 urdf = 3: 3 joints, base_link urdf = 3 to link3.")
 
 
+@pytest.mark.parametrize("factor", [1e-12, 1e-9, 1e-6, 3e4])
+def test_a_robot_of_any_weight_is_one_that_can_be_read(factor: float, tmp_path: Path) -> None:
+    """Placeholders of next to nothing, and their opposites; what the doctor says of such is another matter."""
+    text = (ROBOTS / "ypp3/ypp3.urdf").read_text()
+    for attribute in ("mass value", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"):
+        text = re.sub(f'{attribute}="([^"]*)"', lambda m, a=attribute: f'{a}="{float(m[1]) * factor:.6g}"', text)
+    (tmp_path / "arm.urdf").write_text(re.sub(' effort="[^"]*"', "", text))
+    assert len(load_robot(new_robot(tmp_path / "arm.urdf", tmp_path / "arm")).drives) == 3
+
+
 def test_nothing_of_a_person_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     urdf = ROBOTS / "ypp3/ypp3.urdf"
     new_robot(urdf, tmp_path / "arm")
@@ -155,7 +168,7 @@ ILL = [
     ((("K_Nm_per_rad = 4500", "K_Nm_per_rad = 900"),), "mrad under gravity", False),
     ((("J_m_kgm2 = 1e-5", "J_m_kgm2 = 1e-4"),), "joint3: J_ii falls to 0.047", False),
     ((("D_spring_Nms_per_rad = 1.1", "D_spring_Nms_per_rad = 0.1"),), "joint2: its sharpest anti-resonance", False),
-    ((("encoder_counts_per_rev = 131072", "encoder_counts_per_rev = 512"),), "times the encoder's noise", False),
+    ((("encoder_counts_per_rev = 131072", "encoder_counts_per_rev = 4096"),), "times the encoder's noise", False),
 ]  # fmt: skip
 
 
@@ -241,6 +254,64 @@ def test_records_that_can_not_be_run_are_problems(tmp_path: Path, capsys: pytest
     assert main(["doctor", str(tmp_path / "arm")]) == 1
     out = capsys.readouterr().out
     assert "NOT READY" in out and "nan" not in out
+
+
+def test_a_record_that_can_not_be_run_has_the_remedy_of_its_error(
+    sound: Examination, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that nobody knows is not spoken of."""
+    told = iter(["transients need 99 s to die; check D", "the arm does nothing"])
+
+    def refused(*_: object, **__: object) -> None:
+        raise ExperimentError(next(told, "no"))
+
+    monkeypatch.setattr("ident.doctor.prepare", refused)
+    found = examine(str(sound.robot.path))
+    first, second = (line for line in page(found).splitlines() if line.startswith(("! record 1:", "! record 2:")))
+    assert first.endswith("to die: it can not be run. Remedy: check D.") and second.endswith(
+        "nothing: it can not be run."
+    )
+
+
+def test_what_an_encoder_can_not_tell_is_told(sound: Examination) -> None:
+    def told(**figures: float | None) -> list[tuple[str, bool]]:
+        return [(finding.what, finding.serious) for finding in of_encoders(replace(sound.joints[2], **figures))]
+
+    at = f"{sound.joints[2].visible_at:.4g}"
+    assert told() == [] and told(held_counts=None, counts=None, visible=None) == []
+    assert told(visible=9.0) == [(f"joint3: at {at} Hz its motor moves 9 times the encoder's noise", False)]
+    assert told(visible=0.9) == [(f"joint3: at {at} Hz its motor moves 0.9 times the encoder's noise", True)]
+    assert told(counts=1.5, visible=0.1) == [("joint3: its motor moves through 1.5 counts of its encoder", True)]
+    few = "joint3: in its records held motors move through as little as 4 counts of their encoders"
+    assert told(held_counts=4.0) == [(few, False)] and told(held_counts=11.0) == []
+
+
+def test_counts_are_those_that_a_motor_moves_through(sound: Examination) -> None:
+    """20 mrad from peak to peak, times 100, of 131072 a turn; a joint whose axis is upright moves no other."""
+    one, two, three = sound.joints
+    for joint in (one, two, three):
+        assert joint.counts == pytest.approx(0.02 * 100 * 131072 / (2 * np.pi), rel=0.1)
+    assert one.held_counts is None and two.held_counts is not None and three.held_counts is not None
+    assert 100 < min(two.held_counts, three.held_counts) < 10_000
+
+
+def test_a_limit_that_shortens_records_is_told(sound: Examination) -> None:
+    chain, rng = sound.plan.model.chain, np.random.default_rng(0)
+    setup = prepare(chain, sound.robot, "joint1", np.zeros(3), lock="dob", rng=rng)
+    short = replace(setup, note="excited at 41% of what swing and torque allow: 'joint1' is 0.05 rad from its limit")
+    told, *_ = of_locks(sound.plan, [short])
+    assert "0.05 rad from its limit" in told.why and told.remedy == "other postures" and not told.serious
+
+
+def test_a_slide_has_its_own_units() -> None:
+    """SCARA's slide carries 2.5 kg, its screw's rotor counts as 1.97 kg, and it swings 10 mm."""
+    text = page(examine(str(ROBOTS / "scara4")))
+    (workspace, planned) = (line for line in text.splitlines() if line.startswith("joint3 "))
+    assert re.search(r"^joint3 +2\.5 kg +1\.97 kg .* 0\.027 mm$", workspace) and " 10 mm " in planned
+    (hinge, *_) = (line for line in text.splitlines() if line.startswith("joint2 "))
+    assert "kg" not in hinge and "mm" not in hinge
+    (legend,) = (line for line in text.splitlines() if line.startswith("settles: "))
+    assert all(f"{word}: " in legend for word in ("settles", "margin", "delay", "held", "visible"))
 
 
 def test_what_the_design_changed_is_said(tmp_path: Path) -> None:
