@@ -25,6 +25,7 @@ from ident.effects.base import Effect
 from ident.errors import ExperimentError
 from ident.injection import Injected, inject
 from ident.machine import Machine, steps_for
+from ident.phases import realised
 from ident.plant import Linear, Plant, build_plant, linearise
 from symgen.chain import Chain
 from symgen.plan import text_of_arm
@@ -36,6 +37,7 @@ __all__ = [
     "TORQUE_SHARE",
     "Job",
     "Setup",
+    "check_steps",
     "design",
     "head",
     "in_parallel",
@@ -83,6 +85,7 @@ def simulate(
     excitation: str = "odd",
     integrator: str = "RK4",
     steps: int | None = None,
+    realisations: int = 1,
     workers: int = 2,
     progress: Callable[[int, int], None] | None = None,
 ) -> Campaign:
@@ -92,6 +95,7 @@ def simulate(
     simulation). `truth` and `truth_drives` [n] are the simulated arm where it differs from the declared `chain` and
     `robot`, `effects` what it has besides; the campaign tells the declared one only. `excitation`: "odd" (random phases, detection lines) or "schroeder"
     (all lines). `steps` of the integrator a sample: chosen by `Linear.rk4_steps`; RK4's linear part is exact at any step.
+    `realisations` of each cell, one record each, next to each other: the same lines, as strong, in other phases.
     Every record draws from its own seed: the result does not depend on `workers` (processes; more than one needs the
     caller's script to be guarded by `if __name__ == "__main__"`). `progress(done, total)` is called after every record.
 
@@ -100,8 +104,9 @@ def simulate(
     """
     jobs = design(
         chain, robot, cells, lock=lock, seed=seed, truth=truth, truth_drives=truth_drives, effects=effects, excitation=excitation,
-        integrator=integrator, steps=steps,
+        integrator=integrator, steps=steps, realisations=realisations,
     )  # fmt: skip
+    check_steps(jobs)
     records: list[Record] = []
     for record in in_parallel(run, jobs, workers):
         records.append(record)
@@ -123,18 +128,30 @@ def design(
     excitation: str = "odd",
     integrator: str = "RK4",
     steps: int | None = None,
+    realisations: int = 1,
 ) -> tuple[Job, ...]:
-    """Returns one job for each of `cells`, ready to run; arguments and errors as in `simulate`."""
+    """Returns the job of every record of `cells`, ready to run; arguments and errors as in `simulate`."""
     drives = tuple(robot.drive(name) for name in chain.names)
     arm, true_drives = truth or chain, drives if truth_drives is None else tuple(truth_drives)
     if arm.names != chain.names:
         raise ExperimentError(f"truth has the joints {', '.join(arm.names)}; expected {', '.join(chain.names)}")
-    jobs = []
-    for k, ((name, q), cell) in enumerate(zip(cells, np.random.SeedSequence(seed).spawn(len(cells)), strict=True)):
-        draw, noise = cell.spawn(2)
-        setup = prepare(chain, robot, name, q, lock=lock, excitation=excitation, rng=np.random.default_rng(draw))
-        jobs.append(Job(f"{k + 1:04d}", setup, robot, arm, true_drives, steps, integrator, noise, tuple(effects)))
+    jobs: list[Job] = []
+    for (name, q), cell in zip(cells, np.random.SeedSequence(seed).spawn(len(cells)), strict=True):
+        draws, noises = zip(*(cell.spawn(2) for _ in range(realisations)), strict=True)
+
+        def prepared(rng: np.random.Generator, name: str = name, q: ArrayLike = q) -> Setup:
+            return prepare(chain, robot, name, q, lock=lock, excitation=excitation, rng=rng)
+
+        for setup, noise in zip(realised(chain, robot, prepared, draws), noises, strict=True):
+            id = f"{len(jobs) + 1:04d}"
+            jobs.append(Job(id, setup, robot, arm, true_drives, steps, integrator, noise, tuple(effects)))
     return tuple(jobs)
+
+
+def check_steps(jobs: Sequence[Job]) -> None:
+    """ExperimentError naming joint and posture of the first job whose arm the integrator can not follow."""
+    for job in jobs:
+        _arm(job)
 
 
 def head(
@@ -210,17 +227,9 @@ def _follow_parent() -> None:
 
 def run(job: Job) -> Record:
     """Simulates one record on the true arm and reads it as a robot's controller would."""
-    setup, robot, e = job.setup, job.robot, job.robot.experiment
-    free = None if len(setup.live) == job.chain.n else setup.joint
-    plant = build_plant(job.chain, job.drives, robot.gravity, setup.posture, free=free, integrator=job.integrator)
-    where, linear = place(job.chain.names[setup.joint], setup.posture), linearise(plant)
-    Ts, top, injected = 1 / e.fs, setup.excitation.lines[-1] * e.f0, _injected(job, free, where)
-    steps = job.steps or (steps_for(injected, Ts, top) if injected else linear.rk4_steps(Ts, top))
-    if steps > MAX_STEPS:
-        raise ExperimentError(
-            f"{where}: the fastest motion of these drives takes {steps} steps of the integrator a sample, at most "
-            f"{MAX_STEPS}: check K_Nm_per_rad, D_spring_Nms_per_rad, D_Nms_per_rad and J_m_kgm2"
-        )
+    setup, e = job.setup, job.robot.experiment
+    where, Ts = place(job.chain.names[setup.joint], setup.posture), 1 / e.fs
+    plant, linear, injected, steps = _arm(job)
     plant.model.opt.timestep = 1 / (e.fs * steps)
     lacking = _lacking(linear, Ts, steps) if job.integrator == "RK4" else None
     machine = Machine(injected, Ts, steps) if injected else None
@@ -252,6 +261,23 @@ def run(job: Job) -> Record:
         tau=tau,
         theta=theta,
     )
+
+
+def _arm(job: Job) -> tuple[Plant, Linear, Injected | None, int]:
+    """The true arm of the job, linearised, with its effects, and how many steps of the integrator a sample follow it."""
+    setup, e = job.setup, job.robot.experiment
+    where = place(job.chain.names[setup.joint], setup.posture)
+    free = None if len(setup.live) == job.chain.n else setup.joint
+    plant = build_plant(job.chain, job.drives, job.robot.gravity, setup.posture, free=free, integrator=job.integrator)
+    linear, injected = linearise(plant), _injected(job, free, where)
+    Ts, top = 1 / e.fs, setup.excitation.lines[-1] * e.f0
+    steps = job.steps or (steps_for(injected, Ts, top) if injected else linear.rk4_steps(Ts, top))
+    if steps > MAX_STEPS:
+        raise ExperimentError(
+            f"{where}: the fastest motion of these drives takes {steps} steps of the integrator a sample, at most "
+            f"{MAX_STEPS}: check K_Nm_per_rad, D_spring_Nms_per_rad, D_Nms_per_rad and J_m_kgm2"
+        )
+    return plant, linear, injected, steps
 
 
 def _injected(job: Job, free: int | None, where: str) -> Injected | None:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from io import TextIOWrapper
 from pathlib import Path
 
+from ident import record_options
 from ident.commands import add as commands_of_a_machine
 from ident.diagnosis_commands import add as commands_of_the_loop
 from ident.errors import IdentError
@@ -81,9 +82,7 @@ def _check(options: argparse.Namespace) -> None:
             raise IdentError(f"{'-o' if name == 'out' else name} {value!r}: expected text without null characters")
     if getattr(options, "seed", 0) < 0:
         raise IdentError(f"--seed {options.seed}: expected 0 or more")
-    for name in ("spacing", "periods"):
-        if getattr(options, "target", None) and getattr(options, name, None):
-            raise IdentError(f"--target does not go with --{name}, which it chooses")
+    record_options.check(options)
     if "method" in options:
         from ident.identify import METHODS
 

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from ident import record_options
 from ident.errors import IdentError
 
 #: Returns the parser of a new command: its name and what it does.
@@ -34,6 +35,8 @@ def add(command: NewCommand) -> None:
     )
     play.add_argument("-o", dest="out", metavar="DIR", help="write the files here (default: play, beside the plan)")
     play.add_argument("--seed", type=int, default=0, help="of the excitation (default 0)")
+    record_options.add_target(play)
+    record_options.add_lengths(play)
     play.add_argument(
         "--torque-constant", metavar="JOINT=NM_PER_A", action="append", default=[], help="this joint is driven in A"
     )
@@ -134,18 +137,26 @@ def _export_excitation(options: argparse.Namespace) -> int:
     if file.is_dir():
         robot = load_robot(file)
         plan = plan_of_robot(robot)
-        chain, cells = plan.model.chain, plan.cells
+        model, cells = plan.model, plan.cells
     else:
         robot = load_robot(options.robot or file.parent)
-        chain = chain_of_robot(robot)
-        cells = load_plan_cells(file, make_model(chain, believe_zeros=robot.believe_zeros))
-    constants = dict(map(_constant, options.torque_constant))
+        model = make_model(chain_of_robot(robot), believe_zeros=robot.believe_zeros)
+        cells = load_plan_cells(file, model)
+    robot = record_options.shortened(robot, options)
+    wanted = record_options.wanted(model, robot, cells, options)
     out = options.out or str((file if file.is_dir() else file.parent) / "play")
-    files = export_excitation(robot, chain, cells, out, seed=options.seed, constants=constants)
+    files = export_excitation(
+        wanted.robot if wanted else robot, model.chain, cells, out, seed=options.seed, realisations=options.realisations,
+        periods=wanted.periods if wanted else None, constants=dict(map(_constant, options.torque_constant)),
+    )  # fmt: skip
+    count = len(cells) * options.realisations
     if options.json:
-        print(json.dumps({"directory": out, "records": len(cells), "files": [str(file) for file in files]}))
-    else:
-        print(f"{out}: {len(cells)} records to play, and map.toml to bring them back with ident import")
+        precision = {"precision": record_options.told(wanted, options)} if wanted else {}
+        print(json.dumps({"directory": out, "records": count, "files": [str(file) for file in files], **precision}))
+        return 0
+    if wanted:
+        print(f"For --target {wanted.text}")
+    print(f"{out}: {count} records to play, and map.toml to bring them back with ident import")
     return 0
 
 

@@ -11,13 +11,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident import progress
+from ident import progress, record_options
 from ident.commands import NewCommand
 from ident.errors import IdentError
 
 if TYPE_CHECKING:
+    from ident.campaign import Campaign
     from ident.effects.base import Effect
-    from symgen.robot import Drive, Robot
+    from ident.identify import Identification
+    from symgen.robot import Drive
 
 
 def add(command: NewCommand) -> None:
@@ -33,12 +35,8 @@ def add(command: NewCommand) -> None:
             "--lock", choices=("dob", "rigid"), default="dob",
             help="hold the other joints by PD and disturbance observer on their motors (dob), or weld them (rigid)",
         )  # fmt: skip
-        sub.add_argument(
-            "--target", type=_share, metavar="SHARE", help="the least robot time that tells J(q) to this standard deviation, relative "
-            "to sqrt(J_ii J_jj), as 1%% or 0.01: spacing of the lines, and periods of each record",
-        )  # fmt: skip
-    simulate.add_argument("--spacing", type=float, metavar="HZ", help="of the lines, in place of robot.toml's")
-    simulate.add_argument("--periods", type=int, metavar="N", help="recorded, the settling ones included, likewise")
+        record_options.add_target(sub)
+    record_options.add_lengths(simulate)
     simulate.add_argument(
         "--plan", metavar="PLAN.json", help="the cells of this plan (symgen, ident next) in place of the robot's own"
     )
@@ -83,17 +81,6 @@ def add(command: NewCommand) -> None:
         sub.set_defaults(action=action)
 
 
-def _share(text: str) -> float:
-    """1% or 0.01, as a number."""
-    value = float(text[:-1]) / 100 if text.endswith("%") else float(text)
-    if not 0.0 < value < 1.0:
-        raise ValueError(text)
-    return value
-
-
-_share.__name__ = "share"  # as argparse calls it in "invalid share value"
-
-
 def _effects(options: argparse.Namespace, drives: Sequence[Drive]) -> list[Effect]:
     """The effects of --effect, written to the file of --truth where one is wanted."""
     from ident.effects.catalogue import parse, truth
@@ -116,7 +103,7 @@ def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str,
     from symgen.plan import chain_of_robot, load_plan_cells, make_model, plan_of_robot
     from symgen.robot import load_robot
 
-    robot = _shortened(load_robot(options.robot), options)
+    robot = record_options.shortened(load_robot(options.robot), options)
     if getattr(options, "plan", None):
         model = make_model(chain_of_robot(robot), believe_zeros=robot.believe_zeros)
         planned = load_plan_cells(options.plan, model)
@@ -125,13 +112,12 @@ def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str,
         model, planned = plan.model, plan.cells
     chain, cells = model.chain, [(cell.joint, cell.q) for cell in planned]
     effects = _effects(options, [robot.drive(name) for name in chain.names])
-    wanted = None
-    if options.target:
-        from ident.precision import for_target
-
-        wanted = for_target(model, robot, cells, options.target, lock=options.lock, seed=options.seed)
+    wanted = record_options.wanted(model, robot, planned, options, options.lock)
+    if wanted:
         robot = wanted.robot
-    jobs = design(chain, robot, cells, lock=options.lock, seed=options.seed, effects=effects)
+    jobs = design(
+        chain, robot, cells, lock=options.lock, seed=options.seed, effects=effects, realisations=options.realisations
+    )
     if wanted:
         jobs = tuple(
             replace(job, setup=replace(job.setup, periods=k)) for job, k in zip(jobs, wanted.periods, strict=True)
@@ -146,34 +132,8 @@ def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str,
     records = [job.id for job in jobs]
     told: dict[str, Any] = {"campaign": str(path), "records": records, "source": empty.source, "notes": notes}
     if wanted:
-        told["precision"] = {"target": options.target, "predicted": wanted.sigma, "robot_time_s": wanted.seconds}
+        told["precision"] = record_options.told(wanted, options)
     return robot.believe_zeros, told
-
-
-def _shortened(robot: Robot, options: argparse.Namespace) -> Robot:
-    """The robot with the line spacing and the periods of the command line, where given: what robot.toml may have."""
-    from symgen.robot import MOST_SAMPLES, recordable
-
-    e = robot.experiment
-    f0, periods = getattr(options, "spacing", None), getattr(options, "periods", None)
-    if f0 is not None:
-        if not (e.fs / 2 > e.band[1] >= f0 > 0.0 and recordable(e.fs, f0)):
-            raise IdentError(
-                f"--spacing {f0:g}: expected Hz that divide the sampling rate of {e.fs:g} Hz, below {e.band[1]:g}, into "
-                f"at most {MOST_SAMPLES:g} samples"
-            )
-        e = replace(e, f0=f0, band=(max(e.band[0], f0), e.band[1]))
-    if periods is not None:
-        if periods < 2:
-            raise IdentError(f"--periods {periods}: expected 2 or more (at least one settles)")
-        e = replace(e, periods=periods)
-    if not recordable(e.fs, e.f0, e.periods):
-        given = [f"--{name} {value:g}" for name, value in (("spacing", f0), ("periods", periods)) if value is not None]
-        raise IdentError(
-            f"{' '.join(given)}: {e.periods} periods of {e.fs / e.f0:g} samples each; expected a record of at most "
-            f"{MOST_SAMPLES:g} samples"
-        )
-    return replace(robot, experiment=e)
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -226,7 +186,8 @@ def _report(options: argparse.Namespace) -> int:
             page = report_again(found, say)
         else:
             how = found["made_with"]
-            page = report.html(identify(again(found["input"]), **how, workers=WORKERS, progress=say))
+            result = _realised(identify(again(found["input"]), **how, workers=WORKERS, progress=say))[0]
+            page = report.html(result, found.get("methods", ()))
     except (KeyError, TypeError) as error:
         raise IdentError(
             f"{file}: does not say what it was made of: {type(error).__name__} {error}; make it again"
@@ -254,27 +215,28 @@ def _identified(
     from ident import report
     from ident.export import write_identified
     from ident.identify import METHODS, identify
-    from ident.inputs import told
     from ident.plain import plain
     from ident.result_page import doubtful, page
     from ident.side_by_side import comparison, table
-    from ident.store import read_campaign
     from symgen.forked import WORKERS
     from symgen.robot import load_robot
 
-    every, campaign = options.method == "all", read_campaign(file)
+    every, (campaign, source) = options.method == "all", _read(file)
     result, *others = (
         identify(campaign, method=method, believe_zeros=believe_zeros, workers=WORKERS, progress=progress.line(options))
         for method in (METHODS if every else (options.method,))
     )
     out.mkdir(parents=True, exist_ok=True)
-    made = {"input": told([file]), "made_with": {"method": result.method, "believe_zeros": believe_zeros}}
+    made: dict[str, Any] = {"input": source, "made_with": {"method": result.method, "believe_zeros": believe_zeros}}
+    if every:
+        made["methods"] = comparison([result, *others])
+    result, distortions = _realised(result)
+    if distortions:
+        made["realisations"] = distortions
     document = report.result_document(result, precision, made)
     report.write(result, out, document)
     report.summary_plot(result, out / "responses.svg")
     write_identified(result, out, load_robot(options.robot) if options.command == "run" else None)
-    if every:
-        document["methods"] = comparison([result, *others])
     if options.json:
         print(json.dumps(plain(document), allow_nan=False))
     else:
@@ -285,3 +247,35 @@ def _identified(
         print(f"Plot:   {out / 'responses.svg'}")
         print(f"Robot:  {out / 'robot.toml'} with identified.urdf, identified.xml (MuJoCo), J.casadi, J.c")
     return 1 if doubtful(document) else 0
+
+
+def _read(file: Path) -> tuple[Campaign, dict[str, Any]]:
+    """The campaign in the file, and what a result says of that file. IdentError where another one took its place meanwhile."""
+    from ident.inputs import told
+    from ident.store import read_campaign
+
+    before = _stamp(file)
+    campaign, source = read_campaign(file), told([file])
+    if _stamp(file) != before:
+        raise IdentError(f"{file}: was replaced while it was read; expected one command at a time, run this one again")
+    return campaign, source
+
+
+def _stamp(file: Path) -> tuple[int, ...]:
+    """Another one for every file that was ever at this place; nothing where there is none."""
+    try:
+        stat = file.stat()
+    except (OSError, ValueError):
+        return ()
+    return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns
+
+
+def _realised(result: Identification) -> tuple[Identification, list[dict[str, Any]]]:
+    """The result with a note on what realisations of its records tell differently, and that as JSON; as it is where there are none."""
+    from ident import realisations
+
+    records, responses = [m.record for m in result.measurements], [m.frf for m in result.measurements]
+    found = realisations.distortions(records, responses)
+    if found:
+        result = replace(result, notes=(*result.notes, realisations.text(found)))
+    return result, realisations.document(found)

@@ -6,6 +6,7 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,9 @@ from symgen.robot import Robot
 
 FORMAT, VERSION = "frf-excitation", 1
 
+#: The files that are written, and their first line: torque of the excited motor, posture.
+_NAME, _HEAD = re.compile(r"\d{4,}\.csv"), re.compile(rb"t,(tau|i)_[\w.-]+(,q_[\w.-]+)+")
+
 _SERVO = (
     "e = theta - rest, w = (e - e_before) fs; z = a z_before + (1 - a) (u_before + dob J w), a = exp(-dob / fs); "
     "u = -kp e - kd w + z - dob J w; torque = preload + u + excitation (on the excited motor); all motor side, rad, N m, "
@@ -35,25 +39,33 @@ def export_excitation(
     directory: str | Path,
     *,
     seed: int = 0,
+    realisations: int = 1,
+    periods: Sequence[int] | None = None,
     constants: Mapping[str, float] | None = None,
 ) -> tuple[Path, ...]:
     """Writes what to play for every cell and returns the files; with the same seed it is what `bench.simulate` plays.
 
     `directory` gets the URDF, excitation.json (lines, order, servos, rest angles, preload), excitation/0001.csv ..: one
-    period of the torque of the excited motor, with the posture; and map.toml for the records. `constants` {joint: N m/A}:
-    those joints are driven and recorded in A. ExperimentError for a cell that can not be run; nothing is written then.
+    period of the torque of the excited motor, with the posture; and map.toml for the records. Of an earlier export no excitation is
+    left. `realisations` as in `bench.simulate`; `periods` of each record (default: the experiment's), which the map then asks for.
+    `constants` {joint: N m/A}: those joints are driven and recorded in A. ExperimentError for a cell that can not be run; nothing
+    is written then.
     """
     directory, constants = Path(directory), dict(constants or {})
     for joint in constants:
         if joint not in chain.names:
             raise IdentError(f"torque constant of {joint!r}: no such joint; expected one of {', '.join(chain.names)}")
-    setups = [job.setup for job in design(chain, robot, [(cell.joint, cell.q) for cell in cells], seed=seed)]
+    jobs = design(chain, robot, [(cell.joint, cell.q) for cell in cells], seed=seed, realisations=realisations)
+    setups = [job.setup for job in jobs]
+    if periods is not None:
+        setups = [replace(setup, periods=count) for setup, count in zip(setups, periods, strict=True)]
+    cells = [cell for cell in cells for _ in range(realisations)]
     urdf = f"{robot.urdf.stem}.urdf"
     texts = {
         urdf: text_of_arm(chain),
         "excitation.json": json.dumps(_document(robot, chain, cells, setups, constants), indent=1, ensure_ascii=False)
         + "\n",
-        "map.toml": _map(robot, chain, cells, setups, urdf, constants),
+        "map.toml": _map(robot, chain, setups, urdf, constants, periods is not None),
     }
     for k, setup in enumerate(setups):
         texts[f"excitation/{_id(k)}.csv"] = _csv(robot, chain, setup, constants)
@@ -63,28 +75,46 @@ def export_excitation(
         beside = path.with_name(f".{path.name}.part")
         beside.write_text(text, encoding="utf-8")
         os.replace(beside, path)
+    for path in (directory / "excitation").iterdir():
+        if f"excitation/{path.name}" not in texts and _exported(path):
+            path.unlink()
     return tuple(directory / name for name in texts)
 
 
 def torque_column(chain: Chain, joint: str, constants: Mapping[str, float]) -> str:
     """The heading of a joint's torque in the files played and recorded: a current where it has a torque constant."""
-    return f"{'i' if joint in constants else 'tau'}_{_label(chain, joint)}"
+    return f"{'i' if joint in constants else 'tau'}_{_labels(chain)[joint]}"
 
 
 def _id(k: int) -> str:
     return f"{k + 1:04d}"
 
 
-def _label(chain: Chain, joint: str) -> str:
-    """A joint's name where that can head a column, else its number."""
-    return joint if re.fullmatch(r"[\w.-]+", joint, re.ASCII) else f"joint{chain.names.index(joint) + 1}"
+def _exported(path: Path) -> bool:
+    """Whether the file is the excitation of some record, and nothing that a person recorded."""
+    if not (_NAME.fullmatch(path.name) and path.is_file()):
+        return False
+    with path.open("rb") as file:
+        return _HEAD.fullmatch(file.readline().rstrip()) is not None
+
+
+def _labels(chain: Chain) -> dict[str, str]:
+    """Every joint's name where that can head a column, else its number; no two alike."""
+    labels = {name: name for name in chain.names if re.fullmatch(r"[\w.-]+", name, re.ASCII)}
+    for k, name in enumerate(chain.names):
+        if name not in labels:
+            label = f"joint{k + 1}"
+            while label in labels.values():
+                label += "_"
+            labels[name] = label
+    return labels
 
 
 def _csv(robot: Robot, chain: Chain, setup: Setup, constants: Mapping[str, float]) -> str:
     e = robot.experiment
-    joint = chain.names[setup.joint]
+    joint, labels = chain.names[setup.joint], _labels(chain)
     torque = setup.excitation.samples(e.fs) / constants.get(joint, 1.0)
-    head = ["t", torque_column(chain, joint, constants), *(f"q_{_label(chain, name)}" for name in chain.names)]
+    head = ["t", torque_column(chain, joint, constants), *(f"q_{labels[name]}" for name in chain.names)]
     posture = ",".join(f"{value:.10g}" for value in setup.posture)
     rows = (f"{k / e.fs:.10g},{value:.12g},{posture}" for k, value in enumerate(torque.tolist()))
     return "\n".join([",".join(head), *rows]) + "\n"
@@ -147,14 +177,10 @@ def _record(robot: Robot, chain: Chain, k: int, cell: Cell, setup: Setup) -> dic
 
 
 def _map(
-    robot: Robot,
-    chain: Chain,
-    cells: Sequence[Cell],
-    setups: Sequence[Setup],
-    urdf: str,
-    constants: Mapping[str, float],
+    robot: Robot, chain: Chain, setups: Sequence[Setup], urdf: str, constants: Mapping[str, float], asked: bool
 ) -> str:
-    e = robot.experiment
+    """map.toml; it asks for the periods of each record where these are `asked` for, else for all that were recorded."""
+    e, labels = robot.experiment, _labels(chain)
     rows = [
         "# Record for every file of excitation/ a CSV of the same name: a column t [s], and for every joint the torque command",
         "# and the motor angle, motor side, from the first sample of the ramp on. Then, where the records are:",
@@ -181,7 +207,7 @@ def _map(
             f"J_m_kgm2 = {drive.J_m!r}",
             f"{m[1]} = {drive.K!r}",
             f"torque = {{name = {quoted(column)}, {unit}}}",
-            f'motor_angle = {{name = {quoted("theta_" + _label(chain, name))}, unit = "rad"}}',
+            f'motor_angle = {{name = {quoted("theta_" + labels[name])}, unit = "rad"}}',
         ]
     rows += [
         "",
@@ -191,13 +217,14 @@ def _map(
         f"period_samples = {e.samples_per_period}",
         f"f0_Hz = {e.f0!r}",
     ]
-    for k, (cell, setup) in enumerate(zip(cells, setups, strict=True)):
+    for k, setup in enumerate(setups):
         rows += [
             "",
             f'[file."{_id(k)}.csv"]',
-            f"excited = {quoted(cell.joint)}",
+            f"excited = {quoted(chain.names[setup.joint])}",
             f"posture_rad = {_list(setup.posture)}",
             f"lines = {setup.excitation.lines.tolist()}",
+            *([f"periods = {setup.periods}"] if asked else []),
         ]
     return "\n".join(rows) + "\n"
 

@@ -24,9 +24,10 @@ from ident.dob import close_loop
 from ident.errors import ExperimentError
 from ident.evidence import gravity_basis, posture_at
 from ident.plant import build_plant, linearise
+from ident.verdict import entry
 from ident.whitening import Powers, whitening
 from symgen.plan import Model
-from symgen.robot import Robot
+from symgen.robot import MOST_SAMPLES, Robot, recordable
 
 #: Line spacings [Hz] tried, besides the declared one. Wide apart is quick, but a period must hold the arm's slow motions.
 SPACINGS = (0.1, 0.2, 0.5, 1.0, 2.0)
@@ -58,20 +59,20 @@ class Precision:
 
 
 def for_target(model: Model, robot: Robot, cells: Sequence[tuple[str, ArrayLike]], target: float, *, lock: str = "dob",
-               seed: int = 0) -> Precision:  # fmt: skip
+               seed: int = 0, realisations: int = 1) -> Precision:  # fmt: skip
     """Returns the campaign of `cells` that takes least robot time for a standard deviation of J(q) of `target`, relative to
-    sqrt(J_ii J_jj), at any entry and posture. ExperimentError: out of reach, or as `design.prepare` says."""
+    sqrt(J_ii J_jj), at any entry and posture; seed and realisations as `bench.design` has them. ExperimentError: out of reach, or as
+    `design.prepare` says."""
     e, best, reasons = robot.experiment, None, {}
-    for f0 in sorted({e.f0, *SPACINGS}, reverse=True):  # wide ones are quick, and tell what narrow ones have to beat
-        if abs(e.fs / f0 - round(e.fs / f0)) > 1e-9 or f0 > e.band[1]:
-            continue
+    others = {f0 for f0 in SPACINGS if f0 <= e.band[1] and recordable(e.fs, f0, STEADY)}
+    for f0 in sorted({e.f0, *others}, reverse=True):  # wide ones are quick, and tell what narrow ones have to beat
         other = replace(robot, experiment=replace(e, f0=f0, band=(max(e.band[0], f0), e.band[1])))
         try:
-            best = _with_spacing(model, other, cells, target, lock, seed, best) or best
+            best = _with_spacing(model, other, cells, target, lock, seed, realisations, best) or best
         except ExperimentError as error:
             reasons[f0] = error
     if best is None:
-        raise reasons.get(e.f0) or reasons[min(reasons)]
+        raise reasons[e.f0]
     return best
 
 
@@ -82,10 +83,12 @@ def _with_spacing(
     target: float,
     lock: str,
     seed: int,
+    realisations: int,
     best: Precision | None,
 ) -> Precision | None:
     """The shortest campaign with the robot's own line spacing; None where it is no shorter than the `best`."""
-    chain, most = model.chain, np.inf if best is None else best.seconds * robot.experiment.f0
+    chain, e = model.chain, robot.experiment
+    most = np.inf if best is None else best.seconds * e.f0 / realisations
     if len(cells) * (1 + STEADY) >= most:  # one period at least settles
         return None
     setups = []
@@ -98,27 +101,32 @@ def _with_spacing(
     K, J_m, D, D_spring = np.array([[d.K, d.J_m, d.D, d.D_spring] for d in drives]).T
     arm = Parameters(K, J_m, D, D_spring, model.alpha_cad, basis @ chain.parameters)
     problem = problem_of(empty, model, basis, (), arm)
-    each = (
-        np.array([_information(model, robot, empty, basis, setup, arm, problem.scale) for setup in setups]) / ALLOWANCE
-    )
+    each = np.array([_information(model, robot, empty, basis, setup, arm, problem.scale) for setup in setups])
+    each *= realisations / ALLOWANCE
     alphas = slice(4 * chain.n, 4 * chain.n + len(model.names))
     size = problem.scale[alphas]
-    steady = np.full(len(setups), STEADY)
-    settling = sum(setup.settle for setup in setups)
-    while settling + steady.sum() < most:
+    settling, steady = np.array([setup.settle for setup in setups]), np.full(len(setups), STEADY)
+    while (settling + steady).sum() < most:
         whole = np.einsum("k,kab->ab", steady.astype(float), each)
         covariance, unseen, _ = uncertainty(problem, Minimum(arm.vector(), whole, 0.0, True))
         known = certainty(model, covariance, unseen)
         sigma = float(known.per_entry.max())
-        if sigma <= target:
-            periods = tuple(int(setup.settle + count) for setup, count in zip(setups, steady, strict=True))
-            return Precision(robot, periods, sum(periods) / robot.experiment.f0, sigma)
-        i, j = known.worst
-        if not np.isfinite(sigma) or steady.max() >= MOST_PERIODS:
-            reach = "its records hold no information on it" if not np.isfinite(sigma) else f"{100 * sigma:.2g} %"
+        fits = recordable(e.fs, e.f0, int((settling + steady).max()))
+        if sigma <= target and fits:
+            periods = tuple(np.repeat(settling + steady, realisations).tolist())
+            return Precision(robot, periods, sum(periods) / e.f0, sigma)
+        name, found = entry(*known.worst, chain.n), f"target {100 * target:g} %"
+        if not np.isfinite(sigma):
+            remedy = "more postures, or the other joints held by their motors (--lock dob), which are then read, too"
             raise ExperimentError(
-                f"target {100 * target:g} %: J_{i + 1}{j + 1} stays at {reach} after {steady.max()} periods of "
-                f"{1 / robot.experiment.f0:g} s; expected a larger target, more postures or a larger swing"
+                f"{found}: the records hold no information on {name}, however long they are; expected "
+                f"{remedy if lock == 'rigid' else 'more postures'}"
+            )
+        if not fits or steady.max() >= MOST_PERIODS:
+            long = "" if fits else f" (a record has at most {MOST_SAMPLES:g} samples), lines further apart"
+            raise ExperimentError(
+                f"{found}: {name} stays at {100 * sigma:.2g} % after {steady.max()} periods of {1 / e.f0:g} s; expected a larger "
+                f"target{long}, more postures or a larger swing"
             )
         spread = np.linalg.pinv(whole, rcond=INFORMATION_ROUNDING, hermitian=True)[:, alphas]
         # the thin direction as the drives follow it: what else must be known to know alpha

@@ -1,7 +1,8 @@
 """A simulated campaign that survives anything: every record is a file of its own until all are there.
 
 Beside the campaign file stands a directory, its name with ".partial" added: one campaign file a record, complete or not
-there at all, named by what it was made from. Started again, the same request finds them; another one does not.
+there at all, named by what it was made from. Started again, the same request finds them; another one leaves them alone. A campaign
+file that is complete says what it was made from, too: the same request takes it as it is.
 """
 
 from __future__ import annotations
@@ -9,9 +10,8 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -20,13 +20,15 @@ from typing import Any
 import numpy as np
 
 import symgen.robot
-from ident.bench import Job, in_parallel, run
+from ident.bench import Job, check_steps, in_parallel, run
 from ident.campaign import Campaign
 from ident.errors import CampaignError, ExperimentError
-from ident.store import join_campaigns, read_campaign, write_campaign
+from ident.store import join_campaigns, made_from, read_campaign, write_campaign
 
 _LIBRARIES = ("mujoco", "numpy", "scipy")
-_RECORD = re.compile(r"\d{4,}-[0-9a-f]{16}\.h5|\.\d{4,}-[0-9a-f]{16}\.h5\.\d+\.part")
+_RECORD = re.compile(r"\d{4,}-[0-9a-f]{16}\.h5")
+_BEGUN = re.compile(rf"\.{_RECORD.pattern}\.\d+\.part")
+_LOCK = "lock"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,16 +49,23 @@ def run_to_file(
 ) -> None:
     """Writes the campaign of all `jobs` to `path`; `empty` is the campaign without records (`bench.head`).
 
-    Records of the same jobs that an earlier run left in "<path>.partial" are taken as they are; `path` itself appears only
-    complete, and is then the same, byte for byte, as after a run that nothing stopped. `progress(done, total)` is called
-    at the start and after every record, `say` with one line about what was found.
+    A campaign of the same jobs at `path` is taken as it is, and so are records that an earlier run left in "<path>.partial"; those
+    of other jobs are kept there. `path` itself appears only complete, and is then the same, byte for byte, as after a run that
+    nothing stopped. `progress(done, total)` is called at the start and after every record, `say` with one line about what was found.
     ExperimentError as in `bench.simulate`, CampaignError where a file can not be written: what is done stays.
     """
     path, tell = Path(path), say or (lambda line: None)
     partial = path.with_name(f"{path.name}.partial")
     tasks = _tasks(jobs, empty, partial)
+    source = digest([task.path.name for task in tasks])
+    if made_from(path) == source and _sound(path, tell):
+        tell(f"{path}: holds the {len(tasks)} records of this request already; they are taken")
+        if progress:
+            progress(len(tasks), len(tasks))
+        return
+    check_steps(jobs)
     with _owned(partial):
-        _drop_others(partial, {task.path.name for task in tasks}, tell)
+        _look_at_others(partial, {task.path.name for task in tasks}, tell)
         missing = [task for task in tasks if not _sound(task.path, tell)]
         done = len(tasks) - len(missing)
         if done:
@@ -68,13 +77,23 @@ def run_to_file(
                 done += 1
                 if progress:
                     progress(done, len(tasks))
-            join_campaigns([task.path for task in tasks], path)
+            join_campaigns([task.path for task in tasks], path, source)
         except CampaignError as error:
-            kept = sum(task.path.exists() for task in tasks)
+            kept = sum(task.path.is_file() for task in tasks)
             raise CampaignError(
                 f"{error}; {kept} of {len(tasks)} records are kept in {partial}: the same command goes on there"
             ) from None
-        shutil.rmtree(partial, ignore_errors=True)
+        _remove(partial, tasks)
+
+
+def _remove(partial: Path, tasks: Sequence[_Task]) -> None:
+    """Removes the records, and the directory where nothing else is in it."""
+    with suppress(OSError):  # what stays does no harm
+        for task in tasks:
+            task.path.unlink()
+        if os.listdir(partial) == [_LOCK]:
+            (partial / _LOCK).unlink()
+            partial.rmdir()
 
 
 def _do(task: _Task) -> None:
@@ -93,7 +112,7 @@ def _owned(partial: Path) -> Iterator[None]:
     """The directory of the records, for one process at a time; a killed one does not keep it."""
     try:
         partial.mkdir(exist_ok=True)
-        lock = os.open(partial / "lock", os.O_RDWR | os.O_CREAT, 0o666)
+        lock = os.open(partial / _LOCK, os.O_RDWR | os.O_CREAT, 0o666)
     except OSError as error:
         raise CampaignError(f"{partial}: cannot be written: {error.strerror}") from None
     try:
@@ -110,20 +129,26 @@ def _owned(partial: Path) -> Iterator[None]:
         os.close(lock)
 
 
-def _drop_others(partial: Path, wanted: set[str], tell: Callable[[str], None]) -> None:
-    """Removes what another request left; nothing that this program has not written."""
-    others = [name for name in os.listdir(partial) if _RECORD.fullmatch(name) and name not in wanted]
-    records = sum(name.endswith(".h5") for name in others)
-    if records:
-        tell(f"{partial}: {records} records of another request (arguments, robot or program differ) are dropped")
-    for name in others:
-        (partial / name).unlink(missing_ok=True)
+def _look_at_others(partial: Path, wanted: set[str], tell: Callable[[str], None]) -> None:
+    """Tells of records that another request left, which its command goes on with; removes what was begun and never ended."""
+    names = os.listdir(partial)
+    if others := sum(name not in wanted and _RECORD.fullmatch(name) is not None for name in names):
+        tell(
+            f"{partial}: {others} records of another request (arguments, robot or program differ) are kept; its command goes on there, "
+            "or remove them"
+        )
+    for name in names:
+        if _BEGUN.fullmatch(name):
+            with suppress(OSError):
+                (partial / name).unlink()
 
 
 def _sound(path: Path, tell: Callable[[str], None]) -> bool:
     """Whether the record is there and whole."""
     if not path.exists():
         return False
+    if path.is_dir():
+        raise CampaignError(f"{path}: a directory, where a record is to be written; remove it")
     try:
         read_campaign(path)
     except CampaignError as error:

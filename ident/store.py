@@ -21,6 +21,7 @@ FORMAT, VERSION = "frf-campaign", 1
 _GZIP = 1  # every HDF5 reader has it; level 4 saves 5 % of the space and takes half as long again
 _CHUNK_BYTES = 2**18  # a few chunks a period: cheap to read in part, and below h5py's chunk cache
 _DAMPING = {"D": "drive/damping", "D_spring": "drive/spring_damping"}
+_MADE_FROM = "made_from"  # beyond the format: what `join_campaigns` was told
 _TEXT_CHECK = "text_crc32"  # HDF5 keeps strings of variable length in a heap, which has no checksum of its own
 
 
@@ -34,23 +35,38 @@ def write_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
     _replace(path, lambda file: _write(file, campaign))
 
 
-def join_campaigns(parts: Sequence[Path], path: str | os.PathLike[str]) -> None:
+def join_campaigns(parts: Sequence[Path], path: str | os.PathLike[str], made_from: str = "") -> None:
     """Writes the campaign of all records in the campaign files `parts`, which agree in everything else.
 
-    Records are copied as they are stored. Complete or not at all, and errors, as in `write_campaign`.
+    Records are copied as they are stored; the file says what it was `made_from`. Complete or not at all, and errors, as in
+    `write_campaign`, and for a part that is damaged.
     """
 
     def fill(file: h5py.File) -> None:
         for k, part in enumerate(parts):
-            with h5py.File(part, "r") as one:
-                if k == 0:
-                    file.attrs.update(one.attrs)
-                    for name in ("robot", "drive"):
-                        one.copy(name, file)
-                for id, record in one["experiments"].items():
-                    one.copy(record, file.require_group("experiments"), id)
+            try:
+                with h5py.File(part, "r") as one:
+                    if k == 0:
+                        file.attrs.update(one.attrs)
+                        for name in ("robot", "drive"):
+                            one.copy(name, file)
+                    for id, record in one["experiments"].items():
+                        one.copy(record, file.require_group("experiments"), id)
+            except DAMAGE as error:
+                raise CampaignError(f"{part}: damaged: {message(error)}") from None
+        if made_from:
+            file.attrs[_MADE_FROM] = made_from
 
     _replace(Path(path), fill)
+
+
+def made_from(path: str | os.PathLike[str]) -> str:
+    """Returns what `join_campaigns` was told that the file is made from; nothing where there is no such file."""
+    try:
+        with h5py.File(path, "r") as file:
+            return str(file.attrs.get(_MADE_FROM, ""))
+    except DAMAGE:
+        return ""
 
 
 def _replace(path: Path, fill: Callable[[h5py.File], None]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from ident.bench import simulate
 from ident.campaign import Campaign
 from ident.cli import main
 from ident.dob import Servo, controller
+from ident.mapping import load_map
 from ident.playing import export_excitation
 from ident.store import read_campaign
 from symgen.plan import Cell, chain_of_robot, make_plan
@@ -135,3 +137,79 @@ def test_what_can_not_be_played_leaves_nothing(tmp_path: Path, capsys: pytest.Ca
         error = capsys.readouterr().err
         assert error.count("\n") == 1 and ("joint9" in error or constant in error)
     assert not (tmp_path / "out").exists()
+
+
+def test_names_that_can_not_head_a_column_get_one_of_their_own(robot: Robot, tmp_path: Path) -> None:
+    """The second joint is called "arm 2" and the first as the second's number would be: every joint keeps its own columns."""
+    names = {"joint1": "joint2", "joint2": "arm 2", "joint3": "joint2_"}
+    text = re.sub("joint[123]", lambda found: names[found[0]], (ROBOT / "ypp3.urdf").read_text())
+    (tmp_path / "ypp3.urdf").write_text(text)
+    drives = tuple(replace(drive, joint=names[drive.joint]) for drive in robot.drives)
+    odd = replace(robot, urdf=tmp_path / "ypp3.urdf", drives=drives)
+    chain = chain_of_robot(odd)
+    assert chain.names == tuple(names.values())
+    cells = [Cell(names[cell.joint], cell.q) for cell in CELLS]
+    export_excitation(odd, chain, cells, tmp_path / "play", seed=SEED)
+    found = load_map(tmp_path / "play/map.toml")
+    for kind in ("torque", "motor_angle"):
+        columns = [joint.signals[kind].name for joint in found.joints]
+        assert len(set(columns)) == 3 and not any(" " in column for column in columns)
+    head = (tmp_path / "play/excitation/0001.csv").read_text().splitlines()[0].split(",")
+    assert len(set(head)) == len(head)
+
+
+def test_an_export_leaves_no_excitation_of_an_earlier_one(robot: Robot, exported: Path, tmp_path: Path) -> None:
+    shutil.copytree(exported, tmp_path, dirs_exist_ok=True)
+    recorded = tmp_path / "excitation/0003.csv"
+    recorded.write_text("t,tau_joint1,theta_joint1\n0,0,0\n")  # which a person put there
+    export_excitation(robot, chain_of_robot(robot), CELLS[:1], tmp_path, seed=SEED)
+    assert sorted(path.name for path in (tmp_path / "excitation").iterdir()) == ["0001.csv", "0003.csv"]
+
+
+def test_a_campaign_for_a_precision_is_played_and_comes_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Records of the periods that were planned, at the planned spacing, are those of the campaign that is simulated."""
+    plan = make_plan(chain_of_robot(load_robot(ROBOT)), believe_zeros=True)
+    plan.write(tmp_path / "plan.json")
+    asked = ["--target", "0.02%", "--seed", "3"]
+    play = ["export-excitation", str(tmp_path / "plan.json"), "--robot", str(ROBOT), "-o", str(tmp_path / "play")]
+    assert main([*play, *asked, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["precision"]["target"] == 0.0002 > told["precision"]["predicted"]
+    document = json.loads((tmp_path / "play/excitation.json").read_text())
+    periods = [one["periods"] for one in document["records"]]
+    assert sum(periods) / document["f0_hz"] == pytest.approx(told["precision"]["robot_time_s"])
+    assert len(set(periods)) > 1, "or records of differing periods are not tried"
+    found = load_map(tmp_path / "play/map.toml")
+    assert [found.of(Path(one["record_as"])).periods for one in document["records"]] == periods
+    S, fs, rng = document["samples_per_period"], document["fs_hz"], np.random.default_rng(0)
+    for one in document["records"]:
+        t = np.arange(one["periods"] * S) / fs
+        head = ["t", *(f"{kind}_joint{k}" for kind in ("tau", "theta") for k in (1, 2, 3))]
+        table = np.column_stack([t, rng.standard_normal((len(t), 6))])
+        np.savetxt(tmp_path / one["record_as"], table, "%.12g", ",", header=",".join(head), comments="")
+    files = [str(tmp_path / one["record_as"]) for one in document["records"]]
+    assert main(["import", "--map", str(tmp_path / "play/map.toml"), *files, "-o", str(tmp_path / "c.h5")]) == 0
+    assert [record.periods for record in read_campaign(tmp_path / "c.h5").records] == periods
+    capsys.readouterr()
+    assert main([*play, "--target", "1%", "--spacing", "1"]) == 2
+    assert "--target does not go with --spacing" in capsys.readouterr().err
+
+
+def test_spacing_periods_and_realisations_of_what_is_played(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = make_plan(chain_of_robot(load_robot(ROBOT)), believe_zeros=True)
+    plan.write(tmp_path / "plan.json")
+    play = ["export-excitation", str(tmp_path / "plan.json"), "--robot", str(ROBOT), "-o", str(tmp_path / "play")]
+    assert main([*play, "--spacing", "2", "--periods", "9", "--realisations", "2", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["records"] == 2 * len(plan.cells)
+    records = json.loads((tmp_path / "play/excitation.json").read_text())["records"]
+    assert [one["id"] for one in records] == [f"{k + 1:04d}" for k in range(2 * len(plan.cells))]
+    assert {one["periods"] for one in records} == {9}
+    for one, other in zip(records[::2], records[1::2], strict=True):
+        for name in ("excited", "posture", "lines", "periods"):
+            assert one[name] == other[name]
+        assert one["rms_Nm"] == pytest.approx(other["rms_Nm"]) and one["crest"] != other["crest"]
+    assert "periods =" not in (tmp_path / "play/map.toml").read_text()  # all that are recorded are taken
+    assert main([*play, "--realisations", "0"]) == 2
+    assert "--realisations 0: expected 1 or more" in capsys.readouterr().err

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from ident.errors import ExperimentError
 from ident.frf import estimate
 from ident.precision import ALLOWANCE, SPACINGS, Precision, for_target
 from symgen.plan import Model, plan_of_robot
-from symgen.robot import Robot, load_robot
+from symgen.robot import Robot, load_robot, recordable
 
 ROBOT = Path(__file__).parents[2] / "robots" / "ypp3"
 
@@ -87,5 +88,47 @@ def test_out_of_reach_is_said(planned: tuple[Model, Robot, list[tuple[str, np.nd
     model, robot, cells = planned
     with pytest.raises(ExperimentError, match=r"target 0\.0001 %: J_\d\d stays at .* % after \d+ periods"):
         for_target(model, robot, cells, 1e-6)
-    with pytest.raises(ExperimentError, match="its records hold no information on it"):
+    said = r"^target 1 %: the records hold no information on J_\d\d, however long they are; expected more postures$"
+    with pytest.raises(ExperimentError, match=said):
         for_target(model, robot, cells[:1], 0.01)
+    with pytest.raises(
+        ExperimentError, match=r"more postures, or the other joints held by their motors \(--lock dob\)"
+    ):
+        for_target(model, robot, cells[:1], 0.01, lock="rigid")
+
+
+def test_the_declared_spacing_is_tried_whatever_its_digits(
+    planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What robot.toml may have: whole up to a few roundings of a thousand samples."""
+    model, robot, cells = planned
+    e = replace(robot.experiment, fs=333.3333333333, f0=0.33333333333)
+    assert abs(e.fs / e.f0 - 1000) > 1e-9 and recordable(e.fs, e.f0)
+    found = for_target(model, replace(robot, experiment=e), cells, 0.05)
+    assert found.robot.experiment.f0 == e.f0 and found.sigma <= 0.05
+    monkeypatch.setattr("ident.precision.SPACINGS", (2.0,))  # which no such record can have
+    assert for_target(model, replace(robot, experiment=e), cells, 0.05) == replace(found, robot=ANY)
+
+
+def test_no_record_is_longer_than_one_may_be(
+    planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, robot, cells = planned
+    monkeypatch.setattr("ident.precision.SPACINGS", ())
+    coarse = replace(robot, experiment=replace(robot.experiment, f0=1.0, band=(1.0, 120.0)))
+    longest = max(for_target(model, coarse, cells, 2e-4).periods)
+    monkeypatch.setattr(
+        "ident.precision.recordable", lambda fs, f0, periods=1: recordable(fs, f0, periods) and periods < longest
+    )
+    said = r"J_\d\d stays at .* expected a larger target \(a record has at most 1e\+07 samples\), lines further apart"
+    with pytest.raises(ExperimentError, match=said):
+        for_target(model, coarse, cells, 2e-4)
+
+
+def test_realisations_share_what_is_to_be_told(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]]) -> None:
+    """Two of each cell tell what one of twice the settled periods tells, and settle twice."""
+    model, robot, cells = planned
+    one, two = (for_target(model, robot, cells, 1e-2, realisations=M) for M in (1, 2))
+    assert len(two.periods) == 2 * len(cells) and two.periods[::2] == two.periods[1::2]
+    assert two.seconds == seconds(two) > one.seconds and two.sigma <= 1e-2
+    assert f"from {2 * len(cells)} records of" in two.text

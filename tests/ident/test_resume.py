@@ -19,6 +19,7 @@ import pytest
 import ident.store
 from ident.bench import Job, design, head, simulate
 from ident.campaign import Campaign
+from ident.cli import main
 from ident.effects.catalogue import parse
 from ident.errors import CampaignError, ExperimentError
 from ident.resume import digest, run_to_file
@@ -121,15 +122,86 @@ def _group_lives(group: int) -> bool:
     return False
 
 
-def test_records_of_another_request_are_not_taken(whole: bytes, tmp_path: Path) -> None:
+def test_records_of_another_request_are_kept_for_it(whole: bytes, tmp_path: Path) -> None:
+    """A mistyped seed costs nothing: neither its records nor what a person put beside them is removed."""
     path, said = tmp_path / "c.h5", list[str]()
+    partial = path.with_name("c.h5.partial")
     stopped_after(2, path, seed=1)
-    (path.with_name("c.h5.partial") / "mine.txt").write_text("not ours to remove")
-    stopped = path.with_name("c.h5.partial") / "mine.txt"
+    theirs = {record.name: record.read_bytes() for record in partial.glob("0*.h5")}
+    (partial / "mine.txt").write_text("not ours to remove")
     run_to_file(jobs(), EMPTY, path, workers=1, say=said.append)
-    assert said == [f"{path}.partial: 2 records of another request (arguments, robot or program differ) are dropped"]
+    assert said == [
+        f"{partial}: 2 records of another request (arguments, robot or program differ) are kept; its command goes on there, or remove them"
+    ]
     assert path.read_bytes() == whole
-    assert not stopped.exists() or stopped.read_text()
+    assert {record.name: record.read_bytes() for record in partial.glob("0*.h5")} == theirs
+    assert (partial / "mine.txt").read_text() == "not ours to remove"
+    said.clear()
+    run_to_file(jobs(1), EMPTY, path, workers=1, say=said.append)
+    assert said == [f"{path}: goes on after 2 of 3 records, found in {partial}"]
+    assert sorted(os.listdir(partial)) == ["lock", "mine.txt"]
+
+
+def test_a_finished_campaign_is_taken_as_it_is(whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was killed while fitting has its records; another request, or a damaged file, is simulated."""
+    path, said, seen = tmp_path / "c.h5", list[str](), list[tuple[int, int]]()
+    path.write_bytes(whole)
+    with monkeypatch.context() as patch:
+        patch.setattr("ident.resume.in_parallel", lambda *_: pytest.fail("simulated again"))
+        run_to_file(jobs(), EMPTY, path, workers=1, progress=lambda *now: seen.append(now), say=said.append)
+    assert said == [f"{path}: holds the 3 records of this request already; they are taken"] and seen == [(3, 3)]
+    assert path.read_bytes() == whole and os.listdir(tmp_path) == ["c.h5"]
+    said.clear()
+    data = bytearray(whole)
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    run_to_file(jobs(), EMPTY, path, workers=1, say=said.append)
+    assert path.read_bytes() == whole and len(said) == 1 and "damaged" in said[0] and "simulated again" in said[0]
+    run_to_file(jobs(1), EMPTY, path, workers=1)
+    assert path.read_bytes() != whole
+
+
+def test_a_part_that_is_cut_off_before_it_is_joined_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "c.h5"
+
+    def cut(done: int, total: int) -> None:
+        if done == total:
+            record = max(path.with_name("c.h5.partial").glob("0*.h5"))
+            record.write_bytes(record.read_bytes()[:5000])
+
+    with pytest.raises(
+        CampaignError, match=r"0003-\w+\.h5: damaged: .*; 3 of 3 records are kept in .*partial"
+    ) as error:
+        run_to_file(jobs(), EMPTY, path, workers=1, progress=cut)
+    assert "\n" not in str(error.value) and not path.exists()
+
+
+def test_a_directory_named_like_a_record_is_one_line(tmp_path: Path) -> None:
+    """Of this request, and of another one."""
+    path, said = tmp_path / "c.h5", list[str]()
+    partial = path.with_name("c.h5.partial")
+    stopped_after(1, path)
+    (record,) = partial.glob("0*.h5")
+    (partial / "0007-0123456789abcdef.h5").mkdir()
+    (partial / ".0007-0123456789abcdef.h5.12.part").mkdir()
+    data = record.read_bytes()
+    record.unlink()
+    record.mkdir()
+    with pytest.raises(CampaignError, match=r"0001-\w+\.h5: a directory, where a record is to be written; remove it$"):
+        run_to_file(jobs(), EMPTY, path, workers=1)
+    record.rmdir()
+    record.write_bytes(data)
+    run_to_file(jobs(), EMPTY, path, workers=1, say=said.append)
+    assert len(read_campaign(path).records) == 3 and f"{path}: goes on after 1 of 3 records, found in {partial}" in said
+
+
+def test_drives_that_can_not_be_followed_are_found_before_the_first_record(tmp_path: Path) -> None:
+    """Only the last record has them."""
+    first, *_, last = jobs()
+    stiff = replace(last, drives=tuple(replace(drive, K=1e13) for drive in last.drives))
+    with pytest.raises(ExperimentError, match="'joint2' at posture .* steps of the integrator a sample, at most 1000"):
+        run_to_file((first, stiff), EMPTY, tmp_path / "c.h5", workers=1)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("source", ["ident/bench.py", "symgen/robot.py"])
@@ -141,7 +213,7 @@ def test_records_of_another_program_are_not_taken(
         patch.setattr(Path, "read_bytes", lambda self: read(self) + b"#" * self.as_posix().endswith(source))
         stopped_after(1, path)
     run_to_file(jobs(), EMPTY, path, workers=1, say=said.append)
-    assert len(said) == 1 and "1 records of another request (arguments, robot or program differ) are dropped" in said[0]
+    assert len(said) == 1 and "1 records of another request (arguments, robot or program differ) are kept" in said[0]
     assert path.read_bytes() == whole
 
 
@@ -237,3 +309,23 @@ def test_joined_campaigns_are_the_campaign(tmp_path: Path) -> None:
         write_campaign(replace(campaign, records=(record,)), part)
     join_campaigns(parts, tmp_path / "all.h5")
     assert same(read_campaign(tmp_path / "all.h5"), campaign)
+
+
+def test_a_campaign_that_is_replaced_while_it_is_read_is_no_result(
+    whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By a second command at the same place: a result tells the hash of what it was made of, or there is none."""
+    path, other = tmp_path / "c.h5", tmp_path / "other.h5"
+    for one in (path, other):
+        one.write_bytes(whole)
+
+    def read(file: Path) -> Campaign:
+        found = read_campaign(file)
+        os.replace(other, file)
+        return found
+
+    monkeypatch.setattr("ident.store.read_campaign", read)
+    assert main(["fit", str(path), "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and f"{path}: was replaced while it was read" in error
+    assert not (tmp_path / "out").exists()
