@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+#: Ratio of the ends of a logarithmic axis below which its decades alone are too few labels.
+TWO_DECADES = 100.0
 INK, DATA, MUTED, GRID = "#1b1b1b", "#757575", "#a0a0a0", "#d4d4d4"
 FIT, CAD, EVEN, ODD = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 #: In the report a style sheet sets these, so that the figures follow a dark screen.
@@ -34,22 +36,28 @@ _STYLE: dict[Any, Any] = {
 }  # fmt: skip
 
 
-def dots(axes: Axes, x: Array, y: Array, colour: str, size: float = 2.0) -> None:
-    """Draws dots at (x, y) as one path of empty strokes with round ends: a quarter of the size of markers."""
+def dots(axes: Axes, x: Array, y: Array, colour: str, size: float = 2.0, above: int = 1) -> None:
+    """Draws dots at (x, y) as one path of empty strokes with round ends: a quarter of the size of markers; `above` what is lower."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Curve
 
     curve = Curve(np.repeat(np.column_stack([x, y]), 2, axis=0), np.tile([Curve.MOVETO, Curve.LINETO], len(x)))
     curve.should_simplify = False
-    axes.add_artist(PathPatch(curve, fill=False, edgecolor=colour, linewidth=size, capstyle="round"))
+    axes.add_artist(PathPatch(curve, fill=False, edgecolor=colour, linewidth=size, capstyle="round", zorder=above))
 
 
 def logarithmic(set_scale: Callable[[str], None], axis: Any) -> None:
-    """Makes an axis logarithmic, with plain numbers at the decades and nothing between them."""
+    """Makes an axis logarithmic, with plain numbers at the decades and nothing between them; at twice and five times these, too, where
+    fewer than two decades are seen."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
+    class Decades(LogLocator):
+        def tick_values(self, vmin: float, vmax: float) -> Any:
+            self.set_params(subs=(1.0, 2.0, 5.0) if vmax < TWO_DECADES * vmin else (1.0,))
+            return super().tick_values(vmin, vmax)
+
     set_scale("log")
-    axis.set_major_locator(LogLocator(numticks=7))
+    axis.set_major_locator(Decades(numticks=7))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_locator(NullLocator())
     axis.set_minor_formatter(NullFormatter())

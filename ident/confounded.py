@@ -12,9 +12,11 @@ RECIPES = {
     "others": "the neighbouring joints excited at the same postures",
     "lines": "the same postures, finer and wider lines",
     "repeat": "the same records once more, in the opposite order",
-    "mass": "the same plan with a known mass at the flange",
-    "link-sensor": "the same plan with an encoder on the link",
+    "mass": "a robot with a known mass at the flange, or without a payload, with a URDF and a diagnosis of its own",
+    "link-sensor": "a sensor that no fit and no diagnosis reads",
 }
+#: What no further records of the same robot do: there is nothing to be played.
+UNPLAYED = ("mass", "link-sensor")
 
 
 @dataclass(frozen=True)
@@ -27,9 +29,11 @@ class Separation:
 
 _AMPLITUDE = "{a} and {b} grow differently with the amplitude: repeat at half and at three times of it"
 _LOADS = "repeat at postures where gravity loads this joint differently, and where it does not load it at all"
-_BOTH_SIDES = "motor and link move alike below the anti-resonance and apart around it: finer lines there, or an encoder on the link"
+_BOTH_SIDES = "motor and link move alike below the anti-resonance and apart around it: finer lines there"
 _SHIFTED = "repeat with the joint shifted by fractions of a motor turn: {a} and {b} follow the angle differently"
-_SCALED = "no record without a known inertia tells a torque from an inertia: add a known mass at the flange"
+_SCALED = (
+    "no record without a known inertia tells a torque from an inertia: a known mass at the flange, in a URDF of its own"
+)
 _ELSEWHERE = "excite the other joints, too, at the same postures: those that have it show {a} most"
 _EXTRA_MODE = "excite the other joints: {a} and {b} give each of them another share of the extra resonance"
 
@@ -43,7 +47,8 @@ TABLE: dict[tuple[str, str], tuple[str, str]] = {
     ("time-offset", "torque-lag"): (
         "lines as far up as the torque reaches: a lag takes size and phase, a time offset the phase alone", "lines"),
     ("payload", "inertial-parameters"): (
-        "the same postures with the payload taken off, or with a known mass added at the flange", "mass"),
+        ("records with the payload taken off, diagnosed by themselves: links that are as declared then carried one; or a known "
+        "mass at the flange, in a URDF of its own"), "mass"),
     ("inertial-parameters", "inertial-parameters"): (
         "postures that turn the joints between the two links: only there their inertias act differently", "postures"),
     ("payload", "gravity-stiffness"): ("inertia tells a mass, gravity alone does not: more postures, light and heavy", "postures"),
@@ -52,10 +57,10 @@ TABLE: dict[tuple[str, str], tuple[str, str]] = {
     ("torque-scale", "inertial-parameters"): (_SCALED, "mass"),
     ("torque-scale", "payload"): (_SCALED, "mass"),
     ("torque-scale", "torque-scale"): (
-        "of all joints together only a known inertia tells the scale: add a known mass at the flange", "mass"),
+        "of all joints together only a known inertia tells the scale: a known mass at the flange, in a URDF of its own", "mass"),
     ("torque-scale", "motor-inertia"): (
         ("excite the neighbouring joints: what this link does to theirs does not go through this motor's torque; the "
-        "absolute scale needs a known mass at the flange"), "others"),
+        "absolute scale needs a known mass at the flange, in a URDF of its own"), "others"),
     ("torque-scale", "motor-viscous"): (
         "excite the neighbouring joints: what this link does to theirs does not go through this motor's torque", "others"),
     ("base-compliance", "locked-joint-elasticity"): (
@@ -106,8 +111,7 @@ TABLE: dict[tuple[str, str], tuple[str, str]] = {
         ("repeat with the joint shifted by fractions of a motor turn and at lines below and above the resonance: a torque "
         "moves the joint less with frequency, a wrong reading does not"), "shift"),
     ("transmission-error", "encoder-eccentricity"): (
-        "an encoder on the link, or lines around the anti-resonance: there a gear's error pushes and a wrong reading does not",
-        "link-sensor"),
+        "lines around the anti-resonance: there a gear's error pushes and a wrong reading does not", "lines"),
     ("torque-ripple", "torque-offset"): (_SHIFTED, "shift"),
     ("torque-ripple", "cable-stiffness"): (_SHIFTED, "shift"),
     ("spring-hardening", "backlash"): (
@@ -196,5 +200,7 @@ def never_told_apart(name: str, alone: bool, only: bool = False) -> tuple[str, .
 
 #: What separates two effects that motor signals never tell apart.
 NEVER = Separation(
-    "nothing on the motor side does: a sensor on the link, or a torque sensor, with a clock of its own", "link-sensor"
+    "motor records never tell them apart; a sensor on the link, or a torque sensor, with a clock of its own would, but no fit and "
+    "no diagnosis reads one",
+    "link-sensor",
 )

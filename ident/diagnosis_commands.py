@@ -71,24 +71,23 @@ def add(command: NewCommand) -> None:
 
 
 def _diagnose(options: argparse.Namespace) -> int:
-    from ident.diagnosis_report import text
-
-    document = _diagnosed(options)
+    document, said = _diagnosed(options)
     out = Path(options.out)
     if options.json:
         print(json.dumps(document))
     else:
-        print(text(document, options.brief))
+        print(said)
         print(f"\nReport:  {out / 'report.html'}")
         print(f"Verdict: {out / 'verdict.json'}")
         print(f"Robot:   {out / 'robot.toml'} with identified.urdf, identified.xml (MuJoCo), J.casadi, J.c")
     return 0 if document["status"] == "explained" else 1
 
 
-def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
-    """Diagnoses and writes everything; the verdict."""
+def _diagnosed(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Diagnoses and writes everything; the verdict, and the same in words."""
     from ident.diagnosis_json import FILE, result_document, verdict_document, write
-    from ident.diagnosis_report import html
+    from ident.diagnosis_report import html, text
+    from ident.held_out import with_few_lines
     from ident.inputs import joined, told
     from ident.plain import replace_file
 
@@ -102,6 +101,7 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
         "believe_zeros": options.believe_zeros,
         "minutes": options.minutes if isfinite(options.minutes) else None,
         "baseline": told([options.baseline]) if earlier else None,
+        "out": str(out),
     }
     document = verdict_document(found, options.campaign, notes, made_with)
     page = html(found, document)
@@ -109,7 +109,7 @@ def _diagnosed(options: argparse.Namespace) -> dict[str, Any]:
     write(result_document(found, seconds), out / "result.json")
     replace_file(out / "report.html", page)
     _write_robot(found, out)
-    return document
+    return document, text(document, options.brief, with_few_lines(found))
 
 
 def _search(

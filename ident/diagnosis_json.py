@@ -244,7 +244,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
         "evidence": {
             "statistic": added.gain,
             "threshold": max(LEAST_GAIN, LEAST_SHARE * added.excess),
-            "meaning": "fall of chi^2 on the records that chose",
+            "meaning": f"fall of chi^2 on the {'lines' if d.split.note else 'records'} that chose",
             "excess": added.excess,
             "records": by_record,
             "bands": by_band,

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-import inspect
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.deviations import NAMES
+from ident.arm_model import DRIVES
+from ident.confounded import UNPLAYED
+from ident.deviations import ALONE, BESIDE, SIGMAS
 from ident.diagnose import Diagnosis
+from ident.effect_words import (
+    extent,
+    joined,
+    meaning,
+    name_of,
+    named,
+    named_with_others,
+    percent,
+    place,
+    remarks,
+    share_off,
+    values,
+)
 from ident.effects.base import Effect
-from ident.effects.catalogue import CATALOGUE
+from ident.effects.learned import LearnedCurve
 from ident.effects.response import Response
-from ident.held_out import HeldOut, held_out, reconstructed
+from ident.held_out import HeldOut, gains, held_out, reconstructed, with_few_lines
+from ident.parts import degrees
 from ident.trace import PORTS
 from ident.verdict import entry, number
 
@@ -23,8 +39,13 @@ if TYPE_CHECKING:
 EXPLAINED = 1.5
 #: More declared numbers that are off than these are counted in a sentence, not named.
 NAMED = 2
-#: Which number of a drive an effect says is off.
-FIELDS = {name: field for field, name in NAMES.items()}
+#: Records of which what a learned curve wants is drawn.
+DRAWN = 6
+#: The numbers of a drive as they are written, and their units: of a slide, where that is another one.
+OF_DRIVES = {
+    "K": ("K", "N m/rad", "N/m"), "J_m": ("J<sub>m</sub>", "kg m²", ""), "D": ("D", "N m s/rad", ""),
+    "D_spring": ("D<sub>spring</sub>", "N m s/rad", "N s/m"),
+}  # fmt: skip
 
 
 def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
@@ -41,41 +62,62 @@ def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
         .get_template("diagnosis.html.jinja")
         .render(
             v=verdict,
-            sentence=sentence(verdict),
+            sentence=sentence(verdict, with_few_lines(d)),
             detail=detail(verdict),
             artefacts=sensor_artefacts(verdict),
             picture=Markup(before_after_figure(shown)) if shown else None,
             picture_record=ids[shown.record] if shown else "",
             picture_joint=d.campaign.joints[shown.joint] if shown else "",
-            effects=[(e, meaning(e), _law(d, a.effect)) for e, a in zip(_lacking(verdict), d.added, strict=True)],
-            numbers=[(e, meaning(e), _share(verdict, e)) for e in _off(verdict)],
-            drives=_drives(verdict),
-            slides=any(map(d.model.chain.slides, range(d.model.chain.n))),
+            parts="lines" if d.split.note else "records",
+            both_fitted=degrees(d.end.problem.data) > degrees(d.split.fit),
+            not_held_out=not_held_out(verdict),
+            effects=[
+                (e, meaning(e), _law(d, a.effect, a.std)) for e, a in zip(_lacking(verdict), d.added, strict=True)
+            ],
+            numbers=[(e, meaning(e), share_off(verdict, e)) for e in _off(verdict)],
+            drives=_drives(verdict, [d.model.chain.slides(j) for j in range(d.model.chain.n)]),
             ports=_port_map(d),
             entries=_entries(verdict, d.campaign.n),
             todo=todo(verdict),
             software=software(),
+            name_of=name_of,
+            remarks=remarks,
+            extent=extent,
+            unplayed=UNPLAYED,
         )
     )
 
 
-def sentence(verdict: dict[str, Any]) -> str:
-    """What was found, in one sentence."""
-    effects, joined = verdict["effects"], _found(verdict)
+def sentence(verdict: dict[str, Any], few: Collection[str] = ()) -> str:
+    """What was found, in one sentence; the errors of joints and bands of `few` lines say nothing."""
+    effects, found = verdict["effects"], _found(verdict)
     if verdict["status"] == "explained":
         return "Nothing is missing: the declared model explains every record within its noise."
+    found = f"{found[0].upper()}{found[1:]}" if found else ""
     if verdict["status"] == "effect-found":
         many = len(_off(verdict)) > NAMED
         e, pronoun = verdict["error"], "all corrected" if many else "it" if len(effects) == 1 else "them"
-        found, noise = f"{joined[0].upper()}{joined[1:]}; with {pronoun}", e["noise_floor"]
+        noise = e["noise_floor"]
         if noise and e["after"]["all"] > EXPLAINED * noise:
             before, after = (f"{e[when]['all'] / noise:.3g}" for when in ("before", "after"))
-            return f"{found} its error falls from {before} to {after} times the noise."
-        return f"{found} it explains the records."
-    place = _place(verdict["unexplained"][0]) if verdict["unexplained"] else "the records"
+            return f"{found}; with {pronoun} its error falls from {before} to {after} times the noise."
+        but = joined([f"{name} ({times:.2g} times the noise)" for name, times in _beyond(e, few)])
+        return f"{found}; with {pronoun} it explains the records{', but for ' if but else ''}{but}."
+    left = place(verdict["unexplained"][0]) if verdict["unexplained"] else "the records"
     if not effects:
-        return f"Something acts that nothing in the catalogue explains: {place}."
-    return f"{joined[0].upper()}{joined[1:]}; even so something stays unexplained: {place}."
+        return f"Something acts that nothing in the catalogue explains: {left}."
+    return f"{found}; even so something stays unexplained: {left}."
+
+
+def _beyond(e: dict[str, Any], few: Collection[str]) -> list[tuple[str, float]]:
+    """The joints and bands whose error is more than noise explains, and how many times the noise it is."""
+    ratios = [
+        (name, after / e[noise][name])
+        for key, noise in (("per_joint", "noise_per_joint"), ("per_band", "noise_per_band"))
+        for name, after in e["after"][key].items()
+        if name not in few and e[noise].get(name)
+    ]
+    return [(name, times) for name, times in ratios if times > EXPLAINED]
 
 
 def _lacking(verdict: dict[str, Any]) -> list[dict[str, Any]]:
@@ -92,115 +134,140 @@ def _found(verdict: dict[str, Any]) -> str:
     """What the declared model lacks, and declared numbers that are off: their names, or how many where they are many."""
     lacking, off = _lacking(verdict), _off(verdict)
     if len(off) <= NAMED:
-        return f"the declared model lacks {_names([*lacking, *off])}"
-    many = f"{len(off)} declared numbers are off"
-    return f"the declared model lacks {_names(lacking)}, and {many}" if lacking else many
+        return f"the declared model lacks {joined([named_with_others(e) for e in (*lacking, *off)])}"
+    many = f"{len(off)} declared numbers are off{' besides the springs' if _springs(verdict) else ''}"
+    names = joined([named_with_others(e) for e in lacking])
+    return f"the declared model lacks {names}, and {many}" if lacking else many
 
 
-def _share(verdict: dict[str, Any], effect: dict[str, Any]) -> float | None:
-    """By which share of itself a declared number is off, where it is one number and not 0."""
-    declared, (parameter, *more) = verdict["declared"], effect["parameters"].values()
-    if more or parameter["unit"] and effect["name"] not in FIELDS:
-        return None
-    was = (
-        declared["drives"][FIELDS[effect["name"]]][declared["joints"].index(effect["joint"])]
-        if parameter["unit"]
-        else 1.0
-    )
-    return float(parameter["value"] / was) if was else None
+def springs(verdict: dict[str, Any]) -> str:
+    """Which springs are not as declared, in a sentence; nothing where all are."""
+    off = [f"{joint} {100 * share:+.3g} %" for joint, share in _springs(verdict)]
+    return f"Springs are not as declared: {', '.join(off)}" if off else ""
 
 
-def _drives(verdict: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row for every drive: each number as declared, as found, and its standard deviation."""
-    declared, found = verdict["declared"]["drives"], verdict["drives"]
+def _springs(verdict: dict[str, Any]) -> list[tuple[str, float]]:
+    """The joints whose springs are not as declared, and by which share of that."""
+    granted = BESIDE.J_m if _lacking(verdict) else ALONE.J_m
+    declared, found = verdict["declared"]["drives"]["K"], verdict["drives"]["K"]
+    rows = zip(verdict["declared"]["joints"], declared, found["value"], found["std"], strict=True)
     return [
-        {
-            name: {"declared": declared[name] and declared[name][j], "value": p["value"][j], "std": p["std"][j]}
-            for name, p in found.items()
-        }
-        for j in range(len(verdict["declared"]["joints"]))
+        (joint, K / was - 1.0)
+        for joint, was, K, std in rows
+        if was and std is not None and abs(K - was) > max(SIGMAS * std, granted * was)
     ]
+
+
+def _drives(verdict: dict[str, Any], slides: list[bool]) -> list[dict[str, Any]]:
+    """A row for every number of every drive: as declared, as found, and by how much it is off, each with its standard deviation."""
+    rows = []
+    for j, joint in enumerate(verdict["declared"]["joints"]):
+        for key in DRIVES:
+            name, unit, sliding = OF_DRIVES[key]
+            declared = (verdict["declared"]["drives"][key] or [None] * (j + 1))[j]
+            found, std = (verdict["drives"][key][which][j] for which in ("value", "std"))
+            told = declared and std is not None
+            rows.append(
+                {
+                    "joint": joint if key == DRIVES[0] else "", "name": name, "unit": sliding if slides[j] and sliding else unit,
+                    "declared": declared, "value": found, "std": std, "off": 100.0 * (found / declared - 1.0) if declared else None,
+                    "off_std": 100.0 * std / declared if told else None, "is_off": told and abs(found - declared) > SIGMAS * std,
+                }
+            )  # fmt: skip
+    return rows
 
 
 def detail(verdict: dict[str, Any]) -> str:
     """The sentence's numbers."""
     e, worst = verdict["error"], _worst(verdict)
+    off = f" {springs(verdict)} (see Drives)." if springs(verdict) else ""
     if not verdict["effects"]:
-        return f"Held-out error {_percent(e['after']['all'])}; noise alone makes {_percent(e['noise_floor'])}."
-    fell = f"Held-out error {_percent(e['before']['all'])} before, {_percent(e['after']['all'])} after"
-    off = f" Without the effects {worst[1]} was off by {_percent(worst[0])} (rms over postures)." if worst else ""
-    return f"{fell}; noise alone makes {_percent(e['noise_floor'])}.{off}"
-
-
-def meaning(effect: dict[str, Any]) -> str:
-    """What an effect is, in a sentence: the first line of its class in the catalogue."""
-    if effect["name"] == "unknown":
-        if _variable(effect) == "frequency":
-            return f"What no name of the catalogue describes, learned from the records: {_values(effect)}."
-        what = "An error of the encoder" if _variable(effect) == "reading" else "A torque"
-        return f"{what} that no law of the catalogue describes, learned from the records as {_values(effect)}."
-    if effect["name"] == "inertial-parameters" and effect["joint"] is None:
-        return (
-            "Several links are not as in the URDF, or carry a load: J(q) changes by this share of sqrt(J_ii J_jj), rms."
-        )
-    found = CATALOGUE.get(effect["name"])
-    return (inspect.getdoc(found) or "").split("\n\n")[0].replace("`", "") if found else ""
+        return f"Held-out error {percent(e['after']['all'])}; noise alone makes {percent(e['noise_floor'])}.{off}"
+    fell = f"Held-out error {percent(e['before']['all'])} before, {percent(e['after']['all'])} after"
+    wrong = f" Without the effects {worst[1]} was off by {percent(worst[0])} (rms over postures)." if worst else ""
+    return f"{fell}; noise alone makes {percent(e['noise_floor'])}.{wrong}{off}"
 
 
 def todo(verdict: dict[str, Any]) -> list[str]:
     """What to do next, most useful first."""
-    lines = []
+    lines, plans = [], bool(verdict["unexplained"])
     for effect in verdict["effects"]:
         for other in effect["confounded_with"]:
-            lines.append(f"To tell {_named(effect)} from {_named(other)}: {other['separate_by']}.")
+            plans = plans or other["recipe"] not in UNPLAYED
+            pair = f"{named(effect)} {{}} {named(other)}: {other['separate_by']}."
+            lines.append(pair.format("or") if other["recipe"] in UNPLAYED else "To tell " + pair.format("from"))
     if verdict["unexplained"]:
-        lines.append(f"Look at {_place(verdict['unexplained'][0])}: ident next plans records that show it best.")
+        lines.append(f"Look at {place(verdict['unexplained'][0])}: ident next plans records that show it best.")
     if verdict["effects"]:
         lines.append(
             "Use the corrected arm in this directory (robot.toml, identified.urdf, J.casadi) in place of the declared one."
         )
-    if lines and lines[0].startswith(("To tell", "Look")):
-        lines.append("ident next OUT writes that experiment, ready to run.")
+    if plans:
+        out = verdict["made_with"].get("out", ".")
+        lines.append(f"ident next {out} writes that experiment, ready to run.")
     return lines or ["Nothing: use the identified arm in this directory."]
 
 
-def text(verdict: dict[str, Any], brief: bool = False) -> str:
-    """The verdict as a page of plain text; `brief`: the sentence, the table of errors and the effects only."""
+def not_held_out(verdict: dict[str, Any]) -> list[str]:
+    """The joints at which something acts, and that no record excites of which errors are told."""
+    acted = [row["joint"] for row in (*verdict["effects"], *verdict["unexplained"]) if row["joint"]]
+    return [joint for joint in dict.fromkeys(acted) if joint not in verdict["error"]["after"]["per_joint"]]
+
+
+def text(verdict: dict[str, Any], brief: bool = False, few: Collection[str] = ()) -> str:
+    """The verdict as a page of plain text; `brief`: the sentence, the table of errors and the effects only; `few` as in `sentence`."""
     e = verdict["error"]
-    lines = [sentence(verdict), "", f"{'held-out error [%]':<22}{'before':>9}{'after':>9}{'noise':>9}"]
+    lines = [sentence(verdict, few), "", f"{'held-out error [%]':<22}{'before':>9}{'after':>9}{'noise':>9}"]
     rows = [("all", e["before"]["all"], e["after"]["all"], e["noise_floor"])]
-    for key, noise in (("per_joint", "noise_per_joint"), ("per_band", "noise_per_band")):
-        rows += [(name, e["before"][key][name], after, e[noise].get(name)) for name, after in e["after"][key].items()]
-    for name, before, after, noise in rows:
-        lines.append(f"{name:<22}" + "".join(f"{_cell(value):>9}" for value in (before, after, noise)))
+    of_joints, of_bands = (
+        [(name, e["before"][key][name], after, e[noise].get(name)) for name, after in e["after"][key].items()]
+        for key, noise in (("per_joint", "noise_per_joint"), ("per_band", "noise_per_band"))
+    )
+    lines += _errors(rows + of_joints)
+    lines += [f"{joint:<22} no held-out record excites it" for joint in not_held_out(verdict)]
+    lines += _errors(of_bands)
     for k, effect in enumerate(verdict["effects"], 1):
-        share = _share(verdict, effect) if effect["declared"] else None
         lines += [""] * (not effect["declared"] or k == len(_lacking(verdict)) + 1)
-        lines += [f"{k}. {_named(effect)}: {_values(effect)}" + (f" ({100 * share:+.3g} %)" if share else "")]
-        lines += [f"   not told from {_named(other)}: {other['separate_by']}" for other in effect["confounded_with"]]
-        rivals = ", ".join(f"{_named(rival)} {_percent(rival['after'])}" for rival in effect["rivals"])
-        if rivals and not brief:
-            lines.append(f"   next best: {rivals}")
+        lines += _of_effect(k, effect, verdict, brief)
     if verdict["unexplained"]:
+        left = verdict["unexplained"][: 3 if brief else None]
         lines += [
             "",
-            *(
-                f"unexplained: {_place(row)}, {_percent(row['share'])} of it"
-                for row in verdict["unexplained"][: 3 if brief else None]
-            ),
+            *(f"unexplained: {place(row)}, {percent(row['share'])} of all that is unexplained" for row in left),
         ]
         lines += sensor_artefacts(verdict)
+    if springs(verdict) and not brief:
+        lines += ["", f"{springs(verdict)}."]
     worst = _worst(verdict)
     if worst and verdict["effects"]:
-        lines += ["", f"J(q) without the effects: {worst[1]} off by {_percent(worst[0])} rms over the workspace."]
+        lines += ["", f"J(q) without the effects: {worst[1]} off by {percent(worst[0])} rms over the workspace."]
     return "\n".join(lines)
+
+
+def _errors(rows: list[tuple[str, float, float, float | None]]) -> list[str]:
+    """Lines of the table: errors before and after, and noise."""
+    return [
+        f"{name:<22}" + "".join(f"{_cell(value):>9}" for value in (before, after, noise))
+        for name, before, after, noise in rows
+    ]
+
+
+def _of_effect(k: int, effect: dict[str, Any], verdict: dict[str, Any], brief: bool) -> list[str]:
+    """An effect in a line, and what else it could be."""
+    share = share_off(verdict, effect) if effect["declared"] else None
+    lines = [f"{k}. {named(effect)}: {values(effect)}" + (f" ({100 * share:+.3g} %)" if share else "")]
+    lines += [f"   not told from {named(other)}: {other['separate_by']}" for other in effect["confounded_with"]]
+    rivals = ", ".join(f"{named(rival)} {percent(rival['after'])}" for rival in effect["rivals"])
+    if rivals and not brief:
+        lines.append(f"   next best: {rivals}")
+    return lines
 
 
 def sensor_artefacts(verdict: dict[str, Any]) -> list[str]:
     """A line for every torque that was read and moved nothing."""
     return [
         f"Sensor artefact: torque of {one['joint']} at the {one['lines']} lines, {row['band_hz'][0]:g}-{row['band_hz'][1]:g} Hz "
-        f"({_percent(one['torque_share'])} of that at the excited ones): no motion follows it; or its controller cancels a force"
+        f"({percent(one['torque_share'])} of that at the excited ones): no motion follows it; or its controller cancels a force"
         for row in verdict["unexplained"]
         for one in row.get("unmoved", ())
     ]
@@ -215,71 +282,6 @@ def _worst(verdict: dict[str, Any]) -> tuple[float, str] | None:
     return max(((off, name) for off, std, name in rows if off and std is not None and off > 3.0 * std), default=None)
 
 
-def _names(effects: list[dict[str, Any]]) -> str:
-    names = [_named(effect) for effect in effects]
-    return ", ".join(names[:-1]) + " and " + names[-1] if len(names) > 1 else "".join(names)
-
-
-def _named(effect: dict[str, Any]) -> str:
-    unknown = {"frequency": "an unknown frequency response", "reading": "an unknown error of the encoder"}
-    name = unknown.get(_variable(effect), "a torque of unknown law") if effect["name"] == "unknown" else effect["name"]
-    return f"{name} at {effect['joint']}" if effect["joint"] else name
-
-
-def _variable(effect: dict[str, Any]) -> str:
-    """What a learned effect is a curve of; nothing for others."""
-    return str(effect.get("curve", {}).get("variable", ""))
-
-
-def _values(effect: dict[str, Any]) -> str:
-    if effect["name"] == "unknown":
-        return _curve(effect["curve"], effect["port"]) if "curve" in effect else "a curve"
-    parts = []
-    for name, p in effect["parameters"].items():
-        std = "" if p["std"] is None else f" +- {p['std']:.2g}"
-        parts.append(f"{name} {p['value']:.5g}{std} {p['unit']}".rstrip())
-    return ", ".join(parts)
-
-
-def _curve(curve: dict[str, Any], port: str) -> str:
-    """What a learned curve is a function of."""
-    place = "deflection" if port == "spring" else "position"
-    what = {
-        "position": f"a curve of {place}",
-        "friction": "dry friction that is a curve of position",
-        "torque": "a curve of the load",
-        "drive": "a curve of the drive's torque",
-        "sliding": "dry friction that is a curve of velocity",
-        "loaded": "dry friction that is a curve of the load",
-        "driven": "dry friction that is a curve of the drive's torque",
-        "damping": f"damping that is a curve of {place}",
-        "laden": "damping that is a curve of the load",
-        "driving": "damping that is a curve of the drive's torque",
-        "structural": f"damping by a torque, not a velocity, that is a curve of {place}",
-        "gain": "a share of its torque that is a curve of position",
-        "fading": "a share of its torque that is a curve of velocity",
-        "reading": "an error that is a curve of the motor's position",
-        "stiffness": "stiffness that is a curve of the motor's position",
-    }
-    if curve["variable"] == "frequency":
-        signal = "angle that is measured" if port == "sensor" else "torque that is commanded"
-        return f"gain and delay of the {signal}, as curves of frequency"
-    again = f", again every {curve['period']:.4g} {curve['period_unit']}" if curve.get("period") else ""
-    return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
-
-
-def _place(row: dict[str, Any]) -> str:
-    """Where and how something unexplained shows."""
-    lines = " and ".join(kind for kind in ("odd", "even") if row[kind]) or "excited"
-    low, high = row["band_hz"]
-    port = f"{' or '.join(row['ports'])} of {row['joint']}" if row["ports"] else row["joint"]
-    return f"{port}, {low:g}-{high:g} Hz, {lines} lines"
-
-
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{number(100 * share, 3)} %"
-
-
 def _cell(share: float | None) -> str:
     return number(None if share is None else 100 * share, 3)
 
@@ -291,22 +293,29 @@ def _telling(rows: tuple[HeldOut, ...], verdict: dict[str, Any], joints: tuple[s
     return max(own, key=lambda row: float(np.sum(np.abs(row.before / row.noise) ** 2)), default=None)
 
 
-def _law(d: Diagnosis, effect: Effect) -> dict[str, Markup | str] | None:
-    """The figure of an effect's law, where it has a port."""
+def _law(d: Diagnosis, effect: Effect, std: tuple[float, ...]) -> dict[str, Markup | str] | None:
+    """The figure of an effect's law, where it has a port, and the records that it shows."""
     from markupsafe import Markup
 
-    from ident.diagnosis_figures import law_figure, response_figure
+    from ident.diagnosis_figures import curve_figure, gains_figure, law_figure, response_figure
 
+    slides = effect.joint is not None and d.model.chain.slides(effect.joint)
+    through = gains(d, effect)
+    forces = () if through else reconstructed(d, effect, DRAWN if isinstance(effect, LearnedCurve) else 1)
+    records = through.records if through else tuple(force.record for force in forces)
     if isinstance(effect, Response):
-        return {"figure": Markup(response_figure(effect)), "record": ""}
-
-    force = reconstructed(d, effect)
-    if force is None:
+        kind, figure = "curve", response_figure(effect, std, through)
+    elif through:
+        kind, figure = "gain", gains_figure(through)
+    elif not forces:
         return None
-    return {
-        "figure": Markup(law_figure(force, d.model.chain.slides(force.joint))),
-        "record": d.campaign.records[force.record].id,
-    }
+    elif isinstance(effect, LearnedCurve):
+        kind, figure = "curve", curve_figure(effect, std, forces, slides)
+    else:
+        kind, figure = "law", law_figure(forces[0], slides)
+    ids = [d.campaign.records[record].id for record in sorted(records)]
+    named_records = f"Record{'s' * (len(ids) > 1)} {', '.join(ids)}"
+    return {"figure": Markup(figure), "records": named_records if ids else "", "kind": kind}
 
 
 def _port_map(d: Diagnosis) -> dict[str, list[float | None]]:
@@ -318,11 +327,11 @@ def _port_map(d: Diagnosis) -> dict[str, list[float | None]]:
 
 
 def _entries(verdict: dict[str, Any], n: int) -> list[dict[str, Any]]:
-    """How far each entry of J(q) was off; those that are zero left out."""
+    """How far each entry of J(q) was off, nothing for those that no record tells; those that are zero left out."""
     J = verdict["inertia"]["J"]
     rows = [
         {"name": entry(i, j, n), "rms": J["change_rms"][i][j], "largest": J["change_largest"][i][j], "std": J["std_after"][i][j],
          "cad": J["cad_rms"][i][j]}
         for i in range(n) for j in range(i, n)
     ]  # fmt: skip
-    return [row for row in rows if row["rms"]]
+    return [row for row in rows if row["cad"] or row["rms"] or row["std"] is None]

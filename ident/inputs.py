@@ -24,7 +24,8 @@ def joined(paths: Sequence[str | Path]) -> Campaign:
     for k, (path, other) in enumerate(zip(paths[1:], others, strict=True), 2):
         if _robot(other) != _robot(first):
             raise IdentError(
-                f"{path}: another robot, gear, gravity, sampling or hold than {paths[0]}; expected campaigns of one robot"
+                f"{path}: another URDF, gear, gravity, sampling or hold than {paths[0]}; expected campaigns of one robot, or "
+                "diagnose it by itself"
             )
         stem = Path(path).stem if Path(path).stem not in stems else f"{Path(path).stem}-{k}"
         stems.add(stem)

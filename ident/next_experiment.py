@@ -12,8 +12,9 @@ import numpy as np
 
 from ident.bench import design
 from ident.campaign import Array, Campaign
-from ident.confounded import RECIPES
+from ident.confounded import RECIPES, UNPLAYED
 from ident.diagnosis_json import FILE, FORMAT, VERSION
+from ident.effect_words import name_of, named
 from ident.errors import ExperimentError, IdentError
 from ident.export import read
 from ident.identified import Identified
@@ -81,11 +82,11 @@ def plan_next(result: str | Path, seed: int = 1) -> Next:
     """
     out = Path(result)
     verdict = _verdict(out)
-    wish = wanted(verdict)
+    wish, apart = wanted(verdict), unplayed(verdict, out)
     if wish is None:
-        return Next(
-            "Nothing is left to tell apart: no effect is confounded, nothing is unexplained.", None, (), 0.0, ()
-        )
+        nothing = "Nothing is left to tell apart: no effect is confounded, nothing is unexplained."
+        none = "There is nothing to be played: no more records of this robot tell apart what is left."
+        return Next("\n".join((none, *apart)) if apart else nothing, None, (), 0.0, ())
     campaign = again(verdict["input"])
     arm = _declared(read(out), campaign)
     place = out / "next"
@@ -105,16 +106,21 @@ def plan_next(result: str | Path, seed: int = 1) -> Next:
     replace_file(place / "plan.json", json.dumps(plan, indent=1, ensure_ascii=False) + "\n")
     played = export_excitation(robot, chain, cells, place, seed=seed)
     files = (place / "robot.toml", place / "plan.json", *played)
-    return Next(_paragraph(wish, cells, robot, campaign, place, seed), wish, cells, robot.experiment.swing, files)
+    text = _paragraph(wish, cells, robot, campaign)
+    then = _then(place, seed, verdict["input"], out)
+    return Next("\n".join((text, then, *apart)), wish, cells, robot.experiment.swing, files)
 
 
 def wanted(verdict: dict[str, Any]) -> Wish | None:
-    """Returns what is most worth knowing: first what is confounded, in the order of the effects, then what is unexplained."""
+    """Returns what is most worth knowing of what can be played: first what is confounded, in the order of the effects, then what is
+    unexplained."""
     for effect in verdict["effects"]:
         for other in effect["confounded_with"]:
+            if other["recipe"] in UNPLAYED:
+                continue
             names = (effect["name"], other["name"])
             order = effect["parameters"].get("order", {}).get("value") or 1.0
-            because = f"to tell {names[0]} from {names[1]}: {other['separate_by']}"
+            because = f"to tell {name_of(effect)} from {name_of(other)}: {other['separate_by']}"
             return Wish(other["recipe"], effect["joint"], because, names, float(order))
     for row in verdict["unexplained"]:
         low, high = row["band_hz"]
@@ -132,6 +138,23 @@ def wanted(verdict: dict[str, Any]) -> Wish | None:
             "others", row["joint"], because + "excited from its neighbours it shows whether it is this joint's own"
         )
     return None
+
+
+def unplayed(verdict: dict[str, Any], out: Path) -> list[str]:
+    """A line for every two effects that no more records of the robot tell apart, and how a known mass does, where it does."""
+    pairs = [
+        (effect, other)
+        for effect in verdict["effects"]
+        for other in effect["confounded_with"]
+        if other["recipe"] in UNPLAYED
+    ]
+    lines = [f"{named(effect)} or {named(other)}: {other['separate_by']}." for effect, other in pairs]
+    if any(other["recipe"] == "mass" for _, other in pairs):
+        lines.append(
+            f"A known mass needs a URDF of its own and a diagnosis of its own: copy {out}, whose robot.toml and identified.urdf are the "
+            "arm as found, add the mass to its last link, and plan, record and diagnose that robot by itself."
+        )
+    return lines
 
 
 def _verdict(out: Path) -> dict[str, Any]:
@@ -195,9 +218,8 @@ def _cells(wish: Wish, campaign: Campaign, model: Model, robot: Robot) -> list[t
     excited = list(dict.fromkeys(record.excited for record in records))
     mine = [wish.joint] if wish.joint in excited else excited
     own = {joint: _different([r.posture for r in records if r.excited == joint]) for joint in mine}
-    if wish.recipe in ("repeat", "mass", "link-sensor"):
-        again = [(record.excited, record.posture) for record in records]
-        return list(reversed(again))[:MOST] if wish.recipe == "repeat" else again[:MOST]
+    if wish.recipe == "repeat":
+        return [(record.excited, record.posture) for record in reversed(records)][:MOST]
     if wish.recipe == "postures":
         share = max(1, min(NEW, MOST // len(mine)))
         return [(joint, q) for joint in mine for q in _far(joint, campaign, model, robot, share)]
@@ -270,18 +292,25 @@ def _runnable(cells: Sequence[tuple[str, Array]], model: Model, robot: Robot, se
     return tuple(kept)
 
 
-def _paragraph(wish: Wish, cells: Sequence[Cell], robot: Robot, campaign: Campaign, place: Path, seed: int) -> str:
+def _paragraph(wish: Wish, cells: Sequence[Cell], robot: Robot, campaign: Campaign) -> str:
+    """What is to be played, and what for."""
     e = robot.experiment
     per_joint = {joint: sum(cell.joint == joint for cell in cells) for joint in dict.fromkeys(c.joint for c in cells)}
     what = ", ".join(f"{joint} at {count} posture{'s' * (count > 1)}" for joint, count in per_joint.items())
     seconds = len(cells) * e.periods / e.f0
-    need = {"mass": " Fix a known mass to the flange first, and add it to the URDF.",
-            "link-sensor": " Record an encoder on the link with it."}.get(wish.recipe, "")  # fmt: skip
     return (
         f"Next: excite {what}, swinging up to {e.swing:.2g} rad (before: {max(_swings(campaign)):.2g}), lines every {e.f0:g} Hz "
         f"from {e.band[0]:g} to {e.band[1]:g} Hz, {e.periods} periods: {len(cells)} records, {seconds:.0f} s. This is "
-        f"{RECIPES[wish.recipe]}, {wish.because}.{need}\n"
+        f"{RECIPES[wish.recipe]}, {wish.because}."
+    )
+
+
+def _then(place: Path, seed: int, given: dict[str, Any], out: Path) -> str:
+    """The commands that play it and diagnose its records with those of the files `given`."""
+    files = [str(one["file"]) for one in (given, *given.get("more_files", ()))]
+    new = "next.h5" if len(files) == 1 else f"next-{len(files)}.h5"
+    return (
         f"On the robot: play {place / 'excitation'}, then ident import --map {place / 'map.toml'}. Simulated: "
-        f"ident simulate {place} --plan {place / 'plan.json'} --seed {seed} -o next.h5. Then: "
-        "ident diagnose CAMPAIGN.h5 next.h5 -o OUT."
+        f"ident simulate {place} --plan {place / 'plan.json'} --seed {seed} -o {new}. Then: "
+        f"ident diagnose {' '.join(files)} {new} -o {out}."
     )

@@ -131,7 +131,7 @@ def test_misuse_is_one_line_and_writes_nothing(
 def test_readme_shows_the_commands_and_the_table_that_there_are() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     shown = readme.split("<!-- diagnose -->")[1].split("```")[1].strip().splitlines()
-    errors = {"all": 0.33, "per_joint": {}, "per_band": {}}
+    errors = {"all": 0.33, "per_joint": {"joint1": 0.417}, "per_band": {}}
     verdict = {
         "status": "effect-found",
         "effects": [
@@ -141,13 +141,21 @@ def test_readme_shows_the_commands_and_the_table_that_there_are() -> None:
                 "declared": False,
                 "parameters": {},
                 "rivals": [],
-                "confounded_with": [],
+                "confounded_with": [
+                    {"name": "time-offset", "joint": "joint1", "separate_by": "", "recipe": "link-sensor"}
+                ],
             }
         ],
+        "declared": {"joints": [], "drives": {"K": []}},
+        "drives": {"K": {"value": [], "std": []}},
         "unexplained": [],
         "inertia": {"J": {"change_rms": [[None]], "std_after": [[None]]}},
-        "error": {"before": errors, "after": errors | {"all": 0.00113}, "noise_floor": 0.00125}
-        | {"noise_per_joint": {}, "noise_per_band": {}},
+        "error": {
+            "before": errors,
+            "after": errors | {"all": 0.00113, "per_joint": {"joint1": 0.0012}},
+            "noise_floor": 0.00134,
+        }
+        | {"noise_per_joint": {"joint1": 0.00143}, "noise_per_band": {}},
     }
     assert text(verdict).splitlines()[: len(shown)] == shown
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")

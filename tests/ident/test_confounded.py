@@ -6,7 +6,7 @@ from itertools import product
 
 import pytest
 
-from ident.confounded import CHANGES, FAMILIES, NEVER, RECIPES, TABLE, never_told_apart, separation
+from ident.confounded import CHANGES, FAMILIES, NEVER, RECIPES, TABLE, UNPLAYED, never_told_apart, separation
 from ident.effects.catalogue import CATALOGUE
 
 NAMES = [*CATALOGUE, "unknown"]
@@ -51,4 +51,10 @@ def test_a_late_torque_of_a_joint_that_moves_no_other_is_a_late_angle():
     assert never_told_apart("input-delay", alone=False) == ()
     assert never_told_apart("payload", alone=True, only=True) == ("inertial-parameters",)
     assert never_told_apart("payload", alone=True) == ()
-    assert NEVER.recipe in RECIPES
+    assert NEVER.recipe in UNPLAYED and set(UNPLAYED) < set(RECIPES)
+
+
+def test_no_plan_asks_for_an_encoder_that_nothing_reads() -> None:
+    for a, b in product(NAMES, NAMES):
+        found = separation(a, b)
+        assert "encoder on the link" not in found.separate_by and found.recipe != "link-sensor", (a, b)

@@ -8,12 +8,15 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from diagnosed import diagnosis, unexplained
+from diagnosed import JOINT, diagnosis, unexplained
 
 from ident.contradicted import Off
 from ident.deviations import Deviation
 from ident.diagnosis_json import verdict_document
-from ident.diagnosis_report import html, sentence, text, todo
+from ident.diagnosis_report import html, not_held_out, sentence, text, todo
+from ident.effects.learned import learned
+from ident.effects.motor import InputDelay
+from ident.effects.response import response
 
 HOSTILE = "<script>alert(1)</script> {{ 7 }} & co"
 
@@ -22,7 +25,11 @@ def test_the_page_opens_with_what_was_found_and_holds_before_and_after(file):
     d = diagnosis()
     v = verdict_document(d, [file])
     page = html(d, v)
-    assert page.index("lacks motor-coulomb at joint2") < page.index("<svg") < page.index("Error on records")
+    assert (
+        page.index("lacks motor-coulomb (or motor-stribeck) at joint2")
+        < page.index("<svg")
+        < page.index("Error on records")
+    )
     figures = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
     assert len(figures) == 2  # before and after; the law
     for figure in figures:
@@ -58,10 +65,21 @@ def test_nothing_found_is_said_plainly(file):
 
 def test_an_effect_that_leaves_more_than_noise_is_not_said_to_explain_the_records(file):
     v = verdict_document(diagnosis(), [file])
-    v["error"] |= {"before": {"all": 0.3}, "after": {"all": 0.1}, "noise_floor": 0.01}
+    v["error"] |= {"before": {"all": 0.3}, "after": {"all": 0.1, "per_joint": {}, "per_band": {}}, "noise_floor": 0.01}
     assert sentence(v).endswith("with it its error falls from 30 to 10 times the noise.")
     v["error"]["noise_floor"] = 0.09
     assert sentence(v).endswith("with it it explains the records.")
+
+
+def test_joints_and_bands_with_more_than_noise_are_named_but_for_those_of_few_lines(file):
+    v = verdict_document(diagnosis(), [file])
+    noise = {"joint2": v["error"]["noise_per_joint"]["joint2"], **v["error"]["noise_per_band"]}
+    v["error"]["after"]["per_joint"]["joint2"] = 2.0 * noise["joint2"]
+    v["error"]["after"]["per_band"] |= {"10-30 Hz": 2.42 * noise["10-30 Hz"], "1-3 Hz": 9.0 * noise["1-3 Hz"]}
+    but = "but for joint2 (2 times the noise) and 10-30 Hz (2.4 times the noise)."
+    assert sentence(v, {"1-3 Hz"}).endswith(f"it explains the records, {but}")
+    assert text(v, few={"1-3 Hz"}).splitlines()[0] == sentence(v, {"1-3 Hz"})
+    assert "1-3 Hz (9 times" in sentence(v)
 
 
 def test_the_text_is_one_table_and_one_line_an_effect(file):
@@ -94,14 +112,15 @@ def test_many_declared_numbers_that_are_off_are_counted_in_the_sentence_and_told
     v = verdict_document(d, [file])
     assert [effect["declared"] for effect in v["effects"]] == [False, True, True, True]
     assert sentence(v) == (
-        "The declared model lacks motor-coulomb at joint2, and 3 declared numbers are off; with all corrected it explains the records."
+        "The declared model lacks motor-coulomb (or motor-stribeck) at joint2, and 3 declared numbers are off; with all corrected it "
+        "explains the records."
     )
     page = html(d, v)
     assert page.count("<h2>1. motor-coulomb") == 1 and "<h2>2." not in page
     assert page.count("Declared numbers that are off") == 1
     assert "Several links are not as in the URDF" in page and "do not tell inertial-parameters from payload" in page
     share = -4e-6 / d.campaign.J_m[0]
-    assert f"2. motor-inertia at joint1: inertia -4e-06 +- 1e-09 kgm2 ({100 * share:+.3g} %)" in text(v)
+    assert f"2. motor-inertia at joint1: inertia off by -4e-06 +- 1e-09 kgm2 ({100 * share:+.3g} %)" in text(v)
     only = sentence(verdict_document(replace(d, added=()), [file]))
     assert only == "3 declared numbers are off; with all corrected it explains the records."
 
@@ -110,7 +129,8 @@ def test_what_no_record_shows_is_null_and_told_without_an_error(file):
     d = diagnosis()
     v = verdict_document(replace(d, added=(replace(d.added[0], std=(float("nan"),)),)), [file])
     assert v["effects"][0]["parameters"]["level"]["std"] is None
-    assert "+-" not in text(v).split("level ")[1].splitlines()[0] and "nan" not in html(d, v).lower()
+    said = f"not told by these records (kept at {v['effects'][0]['parameters']['level']['value']:.3g} Nm)"
+    assert f"level {said}\n" in text(v) and said in html(d, v) and "nan" not in html(d, v).lower()
 
 
 def test_a_damping_where_none_is_declared_has_no_share(file):
@@ -119,13 +139,13 @@ def test_a_damping_where_none_is_declared_has_no_share(file):
     found = Deviation("motor-viscous", 0, (("damping", 3e-5, 1e-7, "Nms/rad"),), 300.0, none, none)
     d = replace(d, campaign=campaign, added=(), off=(Off(found, 0.05, d.after.all, d.start),))
     v = verdict_document(d, [file])
-    assert "motor-viscous at joint1: damping 3e-05 +- 1e-07 Nms/rad\n" in text(v) + "\n"
+    assert "motor-viscous at joint1: damping off by 3e-05 +- 1e-07 Nms/rad\n" in text(v) + "\n"
     assert "Declared numbers that are off" in html(d, v)
 
 
 def test_few_declared_numbers_are_named(file):
     v = verdict_document(numbers(replace(diagnosis(), added=())), [file])
-    assert sentence(v) == "The declared model lacks inertial-parameters; with it it explains the records."
+    assert sentence(v) == "The declared model lacks inertial-parameters (or payload); with it it explains the records."
 
 
 def test_drives_stand_as_found_beside_what_was_declared(file):
@@ -134,3 +154,114 @@ def test_drives_stand_as_found_beside_what_was_declared(file):
     K = v["drives"]["K"]
     assert K["value"] == pytest.approx(d.campaign.K, rel=2e-3) and 0.0 < max(K["std"]) < 2e-3 * max(K["value"])
     assert "<h2>Drives</h2>" in html(d, v)
+
+
+def test_springs_that_are_off_are_told_and_stand_with_their_share(file):
+    d = numbers(diagnosis(), -4e-6, 1e-6)
+    assert "prings" not in text(verdict_document(d, [file]))
+    d = replace(d, campaign=replace(d.campaign, K=d.campaign.K * [1.0, 1.25, 1.0]))
+    v = verdict_document(d, [file])
+    assert "3 declared numbers are off besides the springs;" in sentence(v)
+    assert "Springs are not as declared: joint2 -20" in text(v) and "joint1" not in text(v).split("Springs are")[1]
+    assert re.search(r"<b>−(20\.0|19\.9)\d*</b>", html(d, v).split("<h2>Drives</h2>")[1])
+
+
+def with_effect(d, effect, std):
+    """The same diagnosis, had it ended with this effect."""
+    base, k = d.end.problem.base, len(effect.values)
+
+    def grown(values, more):
+        return np.append(values[:base], [more] * k)
+
+    problem = replace(
+        d.end.problem, effects=(effect,), scale=grown(d.end.problem.scale, 1.0), low=grown(d.end.problem.low, -9.0),
+        high=grown(d.end.problem.high, 9.0), free=grown(d.end.problem.free, True),
+    )  # fmt: skip
+    information = np.zeros((base + k, base + k))
+    information[:base, :base] = d.end.minimum.information[:base, :base]
+    vector = np.append(d.end.minimum.vector[:base], effect.values)
+    minimum = replace(d.end.minimum, vector=vector, information=information)
+    end = replace(d.end, effects=(effect,), problem=problem, minimum=minimum)
+    return replace(d, end=end, added=(replace(d.added[0], effect=effect, std=std),))
+
+
+@pytest.mark.parametrize(
+    ("effect", "said"),
+    [
+        (learned("motor", "sliding", [-9.0, 0.0, 9.0])(JOINT, (0.004, 0.003, 0.004)),
+         "0.003 to 0.004 Nm over −9 to 9 rad/s"),
+        (learned("motor", "position", [0.0, 0.3, 0.6], 0.9)(JOINT, (0.001, 0.0, -0.001)),
+         "−0.001 to 0.001 Nm over 0 to 0.9 rad"),
+        (learned("sensor", "reading", [-9.0, 0.0, 9.0])(JOINT, (1e-4, 0.0, 1e-4)), "0 to 0.0001 rad over −9 to 9 rad"),
+        (learned("spring", "stiffness", [-9.0, 0.0, 9.0])(JOINT, (10.0, 0.0, 10.0)), "0 to 10 Nm/rad over −9 to 9 rad"),
+        (response("motor", [1.0, 5.0, 20.0, 90.0])(JOINT, (-0.01, -0.05, -0.1, 1e-3, 1e-3, 2e-3, 1e-3)),
+         "gain 0.905 to 1, delay 1 to 2 ms over 1 to 90 Hz"),
+    ],
+)  # fmt: skip
+def test_a_learned_curve_is_told_by_its_size_and_range_and_drawn_with_its_knots(file, effect, said):
+    d = with_effect(diagnosis(), effect, (float("nan"), *[1e-4] * (len(effect.values) - 1)))
+    v = verdict_document(d, [file])
+    page = html(d, v)
+    assert said in page and said in text(v) and "height_" not in page and "1. an unknown law at joint2" in text(v)
+    _, figure = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
+    assert "its knots ± σ" in figure and "from the records" in figure and "nan" not in figure.lower()
+    ET.fromstring(figure)
+
+
+def test_a_delay_is_drawn_by_its_phase(file):
+    d = with_effect(diagnosis(), InputDelay(JOINT, (1e-3,)), (1e-6,))
+    _, figure = re.findall(r"<svg.*?</svg>", html(d, verdict_document(d, [file])), re.DOTALL)
+    assert "phase [deg]" in figure and "motor velocity" not in figure
+
+
+def test_a_joint_that_no_held_out_record_excites_is_said_to_be_one(file):
+    d = with_effect(diagnosis(), InputDelay(2, (1e-3,)), (1e-6,))
+    v = verdict_document(d, [file])
+    assert not_held_out(v) == ["joint3"]
+    assert "joint3                 no held-out record excites it" in text(v).splitlines()
+    page = html(d, v)
+    assert "No held-out record excites joint3." in page and "no held-out record excites it</td>" in page
+
+
+def test_what_is_called_unknown_has_one_name(file):
+    d = with_effect(
+        diagnosis(), learned("motor", "sliding", [-9.0, 0.0, 9.0])(JOINT, (0.004, 0.003, 0.004)), (1e-4,) * 3
+    )
+    v = verdict_document(d, [file])
+    v["effects"][0]["rivals"] = [{"name": "unknown", "joint": "joint1", "after": 0.1}]
+    assert v["effects"][0]["name"] == "unknown"
+    seen = re.sub(r"<[^>]*>", " ", html(d, v)) + text(v)
+    assert set(re.findall(r"\w+ unknown \w+", seen)) == {"an unknown law"}
+
+
+def test_the_page_says_what_the_parts_of_the_records_were(file):
+    d = diagnosis()
+    v = verdict_document(d, [file])
+    page = html(d, v)
+    assert "Error on records that the model was not fitted to" in page and "then fitted on these, too" not in page
+    half = replace(d.split, note="two records: blocks of lines by turns")
+    page = html(replace(d, split=half), verdict_document(replace(d, split=half), [file]))
+    assert (
+        "Error on lines that the model was not fitted to" in page and "errors from lines that no fit has taken" in page
+    )
+    end = replace(d.end, problem=replace(d.end.problem, data=(*d.split.fit, *d.split.select)))
+    assert "0005, then fitted on these, too" in html(replace(d, end=end), v)
+
+
+def test_a_clean_report_tells_how_far_the_urdf_is_off_and_has_nothing_before(file):
+    d = replace(diagnosis(), added=(), departures=(), status="explained")
+    d = replace(d, end=d.start)
+    page = html(d, verdict_document(d, [file]))
+    assert "before off by" not in page and "URDF off by" in page and "<i>J</i><sub>33</sub>" in page
+
+
+def test_what_can_not_be_played_is_no_plan(file):
+    v = verdict_document(diagnosis(), [file], (), {"out": "found/it"})
+    assert todo(v)[-1] == "ident next found/it writes that experiment, ready to run."
+    v["effects"][0]["confounded_with"][0] |= {
+        "recipe": "link-sensor",
+        "separate_by": "motor records never tell them apart",
+    }
+    assert todo(v)[0] == "motor-coulomb at joint2 or motor-stribeck at joint2: motor records never tell them apart."
+    assert "ident next" not in " ".join(todo(v))
+    assert "Not by more of them:" in html(diagnosis(), v)

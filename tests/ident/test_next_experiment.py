@@ -82,9 +82,7 @@ def test_a_shift_is_a_quarter_of_the_ripple(verdict):
     assert steps == [1.0, 2.0, 3.0]
 
 
-@pytest.mark.parametrize(
-    ("recipe", "joints"), [("others", 3), ("lines", 1), ("repeat", 3), ("mass", 3), ("link-sensor", 3)]
-)
+@pytest.mark.parametrize(("recipe", "joints"), [("others", 3), ("lines", 1), ("repeat", 3)])
 def test_every_recipe_is_ready_to_run(verdict, recipe, joints):
     found = planned(verdict, recipe)
     assert len({cell.joint for cell in found.cells}) == joints
@@ -94,6 +92,27 @@ def test_every_recipe_is_ready_to_run(verdict, recipe, joints):
     )
     assert len(found.text.splitlines()) == 2 and str(found.files[1]) in found.text
     assert json.loads(json.dumps(found.document()))["recipe"] == recipe
+    file, out = verdict[1]["input"]["file"], verdict[0]
+    assert f"ident diagnose {file} next.h5 -o {out}." in found.text
+
+
+@pytest.mark.parametrize(("recipe", "own"), [("mass", True), ("link-sensor", False)])
+def test_what_more_records_of_the_robot_do_not_tell_is_no_plan(verdict, recipe, own):
+    found = planned(verdict, recipe)
+    assert found.wish is None and not found.files and not found.cells
+    first, pair, *more = found.text.splitlines()
+    assert first.startswith("There is nothing to be played") and pair.startswith(
+        "motor-coulomb at joint2 or motor-stribeck"
+    )
+    assert bool(more) == own and ("a URDF of its own and a diagnosis of its own" in found.text) == own
+
+
+def test_what_can_be_played_comes_before_what_can_not(verdict):
+    other = verdict[1]["effects"][0]["confounded_with"][0]
+    pairs = [other | {"recipe": "mass", "separate_by": "a known mass"}, other | {"recipe": "amplitude"}]
+    found = planned(verdict, "mass", confounded_with=pairs)
+    assert found.wish is not None and found.wish.recipe == "amplitude" and found.files
+    assert "motor-coulomb at joint2 or motor-stribeck at joint2: a known mass." in found.text.splitlines()
 
 
 def test_what_is_simulated_as_advised_is_what_was_exported(verdict):
@@ -137,6 +156,7 @@ def test_what_was_measured_next_counts_as_measured(verdict, tmp_path):
     later = planned((out, document | {"input": document["input"] | told(both)}), "postures")
     new, old = (np.array([cell.q for cell in one.cells]) for one in (later, first))
     assert np.abs(new[:, None] - old).max(axis=2).min() > 0.3
+    assert f"ident diagnose {both[0]} {second} next-2.h5 -o {out}." in later.text
     assert [r.id for r in joined([*both, second]).records[-2:]] == [f"next-3/{k:04d}" for k in range(len(records))[-2:]]
 
 
