@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import null_space
 
-from ident.arm_fit import UNSEEN_INFORMATION, Problem, hold, residual, scale_of, spectrum
+from ident.arm_fit import UNSEEN_INFORMATION, Problem, hold, residual, scale_of, spectrum, whitened
 from ident.arm_model import DRIVES, Parameters
 from ident.campaign import Array, Campaign
 from ident.certainty import certainty, thin
@@ -99,7 +99,7 @@ def fit_coupled(
     basis = gravity_basis(model, campaign.gravity)
     odd = all(np.all(record.lines % 2) for record in campaign.records)  # terms of second order act at even lines only
     lines = "usable" if odd else "every"
-    data = tuple(evidence(campaign, model, basis, frf, k, lines) for k, frf in enumerate(responses))
+    data = tuple(_evidence(campaign, model, basis, frf, k, lines) for k, frf in enumerate(responses))
     rough = tuple(map(_thinned, data))
     best: tuple[Problem, Minimum] | None = None
     for guess in _starts(campaign, model, responses, basis, start):
@@ -114,6 +114,14 @@ def fit_coupled(
     if any(few is not one for few, one in zip(rough, data, strict=True)):
         found = minimise(problem, found.vector)
     return _result(campaign, model, responses, problem, found)
+
+
+def _evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: int, lines: str) -> Evidence:
+    """Record `index` at its `lines`, each with its own quantisation floor."""
+    one = evidence(campaign, model, basis, frf, index, lines)
+    assert frf.band is not None
+    floor = frf.band.floor[np.isin(frf.band.lines, one.scene.lines)][:, one.scene.arm.live]
+    return replace(one, noise=replace(one.noise, floor=floor))
 
 
 def _approach(problem: Problem, vector: Array) -> Minimum:
@@ -133,7 +141,7 @@ def _thinned(one: Evidence) -> Evidence:
     few = replace(scene, lines=scene.lines[::every], tau=scene.tau[::every], theta=scene.theta[::every])
     return replace(
         one, is_excited=one.is_excited[::every], scene=few, sampling=replace(one.sampling, f=one.sampling.f[::every]),
-        noise=replace(one.noise, samples=one.noise.samples[:, ::every]),
+        noise=replace(one.noise, samples=one.noise.samples[:, ::every], floor=one.noise.floor[::every]),
     )  # fmt: skip
 
 
@@ -228,7 +236,7 @@ def _two_mass_drives(campaign: Campaign, responses: Sequence[Frf]) -> tuple[Arra
 
 def _result(campaign: Campaign, model: Model, responses: Sequence[Frf], problem: Problem, found: Minimum) -> CoupledFit:
     """The fit as its users see it; predictions at the lines that were too noisy to fit, too."""
-    n, basis = problem.n, gravity_basis(model, campaign.gravity)
+    basis = gravity_basis(model, campaign.gravity)
     shown = [
         one if one.scene.slopes else evidence(campaign, model, basis, frf, one.index, "excited")
         for one, frf in zip(problem.data, responses, strict=True)
@@ -236,12 +244,13 @@ def _result(campaign: Campaign, model: Model, responses: Sequence[Frf], problem:
     p = problem.parameters(found.vector)
     absent = _absent(problem)  # a descent goes along these, too
     alpha = p.alpha + absent @ (absent.T @ (model.alpha_cad - p.alpha))
-    covariance, unseen, std = uncertainty(problem, found)
+    covariance, unseen, _ = uncertainty(problem, found)
     dof, limit = degrees_of_freedom(problem, found)
+    plain = _damped(campaign, model, responses, p.K, p.J_m, p.alpha, p.gravity)
     chi2 = found.chi2 / dof
     fit = CoupledFit(
         alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring,
-        std[: 4 * n].reshape(4, n) * np.stack([p.K, p.J_m, p.D, p.D_spring]), p.gravity,
+        _drive_std(problem, found, np.concatenate([plain.D, plain.D_spring])), p.gravity,
         chi2, dof, limit, chi2 <= limit, found.converged, (), _predictions(problem, found.vector, shown, responses),
     )  # fmt: skip
     return replace(fit, status=_status(fit, absent, campaign, model))
@@ -268,6 +277,35 @@ def uncertainty(problem: Problem, found: Minimum) -> tuple[Array, Array, Array]:
     unseen = np.linalg.qr(problem.scale[a, None] * directions[:, spread > 1.0 / UNSEEN_INFORMATION])[0]
     size = problem.scale[a]
     return covariance[a, a] * np.outer(size, size), unseen, np.sqrt(np.diag(covariance)) * problem.scale
+
+
+def _drive_std(problem: Problem, found: Minimum, plain: Array) -> Array:
+    """Standard deviations [4, n] of the drives.
+
+    A damping that went to zero has a logarithm of which nothing is felt: of one that is hardly known derivatives are taken where it
+    is `plain` [2n], D and D_spring, and then where it is one standard deviation.
+    """
+    n = problem.n
+
+    def deviations(vector: Array, information: Array) -> Array:
+        std = uncertainty(problem, replace(found, information=information))[2][: 4 * n]
+        return np.asarray(std * np.exp(vector[: 4 * n]))
+
+    std, damping = deviations(found.vector, found.information), np.flatnonzero(problem.dampings)
+    lost = damping[std[damping] > UNTOLD * np.exp(found.vector[damping])]
+    if not lost.size:
+        return std.reshape(4, n)
+    vector, held = found.vector.copy(), hold(problem, found.vector)
+    size = np.concatenate([np.zeros(2 * n), plain])
+    for _ in range(2):
+        vector[lost] = np.log(np.maximum(np.exp(found.vector[lost]), size[lost]))
+        information = np.zeros_like(found.information)
+        for one, kept in zip(problem.data, held, strict=True):
+            _, A, columns = whitened(problem, vector, one, kept)
+            information[np.ix_(columns, columns)] += 2.0 * (A.conj().T @ A).real
+        size = deviations(vector, information)
+    std[lost] = size[lost]
+    return std.reshape(4, n)
 
 
 def _predictions(

@@ -11,6 +11,7 @@ import numpy as np
 from ident.campaign import Campaign
 from ident.errors import IdentError
 from ident.joint_faults import NEAR, at_rest, in_motion, observe, played, swapped, wrong_ratio
+from ident.reversed_gear import reversed_gear
 from ident.signal_faults import FLAG, REFUSE, Fault, of_signals
 from symgen.plan import Model
 
@@ -48,6 +49,8 @@ def faults(campaign: Campaign, model: Model) -> tuple[Fault, ...]:
         found += [fault for j in free for fault in in_motion(campaign, sound, j)]
     if not found:
         found += [fault for j in free for fault in wrong_ratio(campaign, sound, j)]
+    if not found:
+        found += [fault for j in free for fault in reversed_gear(campaign, sound, j)]
     return tuple(found)
 
 

@@ -13,14 +13,12 @@ from ident.canvas import CAD, DATA, EVEN, FIT, GRID, INK, MUTED, ODD, dots, draw
 from ident.fit import PARAMETERS, predict
 from ident.frf import Complex
 from ident.identify import OF_TWO_MASSES, Identification, Measurement
-from ident.start import START_DAMPING
+from ident.misfits import Misfit
 from ident.verdict import entry
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Noise alone puts one residual in a thousand above this: |r|^2 is exponential with mean 1.
-RESIDUAL_LIMIT = float(np.sqrt(np.log(1000.0)))
 #: An inertia that changes by less than this share over a joint's range does not depend on that joint.
 DEPENDS = 1e-9
 
@@ -29,30 +27,30 @@ DEPENDS = 1e-9
 class Response:
     """What one record shows and two models of it, as velocity over torque [rad/s per N m, motor side].
 
-    Measured at the usable lines `f` [L, Hz]: `measured` [L], `noise` [L] its standard deviation, `residual` [L] the
-    distance from the fit in such.
-    On the fine grid `fine` [F, Hz]: `fitted` the method's model, `declared` the datasheet's drive with CAD's inertia.
+    Measured at the usable lines `f` [L, Hz]: `measured` [L], `noise` [L] its standard deviation; `misfit` of the fit.
+    On the fine grid `fine` [F, Hz]: `fitted` the method's model, `declared` the datasheet's drive with CAD's inertia, and `means` what
+    that takes for granted.
     """
 
     f: Array
     measured: Complex
     noise: Array
-    residual: Array
+    misfit: Misfit
     fine: Array
     fitted: Complex
     declared: Complex
+    means: str
 
 
 def response(m: Measurement, campaign: Campaign) -> Response:
     """Returns the curves of one record.
 
-    The declared drive takes damping, and what no datasheet tells, from the fit of two masses; K_g too where that
-    explains the record. Without that fit damping is 1 %, and `declared` NaN where the datasheet is silent.
+    With a fit of all motors the declared arm has these, too. Else the other joints of the declared arm are rigid, and its drive takes
+    damping, and what no datasheet tells, from the fit of two masses; K_g too where that explains the record.
     """
-    frf, fit, i = m.frf, m.two_mass, m.index
+    frf, fit = m.frf, m.two_mass
     f, G = frf.frequencies[frf.usable], frf.G[frf.usable]
-    N, fs, hold = float(campaign.N[i]), campaign.fs, campaign.hold
-    declared = _declared(m, campaign)
+    N, fs, hold = m.N, campaign.fs, campaign.hold
     at_lines = m.G_model[frf.usable]
     if fit is None or m.method not in OF_TWO_MASSES:  # known at the lines only
         fine, at_fine = f, at_lines
@@ -63,25 +61,26 @@ def response(m: Measurement, campaign: Campaign) -> Response:
         at_fine = predict(fit.parameters, fine, N, fs, hold)
     sigma = np.sqrt(frf.variance[frf.usable])
     s, fine_s = 2j * np.pi * f, 2j * np.pi * fine
-    known = np.isfinite(declared).all()
-    expected = predict(declared, fine, N, fs, hold) if known else np.full(len(fine), np.nan, dtype=complex)
-    return Response(
-        f, s * G, np.abs(s) * sigma, np.abs(G - at_lines) / sigma, fine, fine_s * at_fine, fine_s * expected
-    )  # fmt: skip
+    if m.G_declared is not None:
+        expected, means = m.G_declared[frf.usable], "datasheet and CAD"
+    else:
+        declared, means = _declared(m, campaign), "datasheet and CAD, other joints rigid"
+        known = np.isfinite(declared).all()
+        expected = predict(declared, fine, N, fs, hold) if known else np.full(len(fine), np.nan, dtype=complex)
+    return Response(f, s * G, np.abs(s) * sigma, m.misfit, fine, fine_s * at_fine, fine_s * expected, means)
 
 
 def _declared(m: Measurement, campaign: Campaign) -> Array:
-    """The six parameters of the datasheet's drive with CAD's inertia."""
+    """The six parameters of the datasheet's drive with CAD's inertia; what these do not tell as two masses fit it."""
     fit, i = m.two_mass, m.index
-    declared = np.full(len(PARAMETERS), np.nan) if fit is None else fit.parameters
+    if fit is None:
+        return np.full(len(PARAMETERS), np.nan)
+    declared = fit.parameters
     for k, value in enumerate((campaign.J_m[i], campaign.K[i], m.J_cad)):
         if np.isfinite(value) and value > 0:
             declared[k] = value
-    if fit is None:
-        J_m, K, J = declared[:3]
-        declared[3:5] = 2 * START_DAMPING * np.sqrt(K * J_m) / abs(campaign.N[i]), 2 * START_DAMPING * np.sqrt(K * J)
-    if fit is None or not fit.explained:
-        declared[5] = 0.0
+    if not fit.explained:
+        declared[PARAMETERS.index("K_g")] = 0.0
     return declared
 
 
@@ -112,9 +111,9 @@ def frf_figure(m: Measurement, campaign: Campaign) -> str:
         phase.set_yticks([-180, -90, 0, 90, 180])
         phase.set_ylabel("phase [deg]")
         logarithmic(misfit.set_yscale, misfit.yaxis)
-        misfit.set_ylim(0.03, max(10.0, 1.5 * float(r.residual.max())))
-        misfit.axhspan(0.03, RESIDUAL_LIMIT, color=GRID, alpha=0.55, linewidth=0)
-        dots(misfit, r.f, np.maximum(r.residual, 0.03), INK)
+        misfit.set_ylim(0.03, max(10.0, 1.5 * float(r.misfit.size.max())))
+        misfit.axhspan(0.03, r.misfit.limit, color=GRID, alpha=0.55, linewidth=0)
+        dots(misfit, r.misfit.f, np.maximum(r.misfit.size, 0.03), INK)
         misfit.set_ylabel("|misfit| [σ]")
         misfit.set_xlabel("frequency [Hz]")
         figure.align_ylabels()
@@ -203,7 +202,7 @@ def _magnitude(axes: Axes, r: Response) -> None:
     axes.set_ylim(*_decades(np.concatenate([np.abs(r.measured), np.abs(r.fitted), [max(np.median(r.noise), 1e-300)]])))
     axes.plot(r.f, r.noise, color=MUTED, linewidth=0.7, label="noise level")
     axes.plot(r.fine, np.abs(r.fitted), color=FIT, linewidth=1.2, label="fitted")
-    axes.plot(r.fine, np.abs(r.declared), color=CAD, linewidth=1.2, linestyle=(0, (4, 2)), label="datasheet and CAD")
+    axes.plot(r.fine, np.abs(r.declared), color=CAD, linewidth=1.2, linestyle=(0, (4, 2)), label=r.means)
     dots(axes, r.f, np.abs(r.measured), DATA, 3.4)
     axes.plot([], [], linestyle="none", marker=".", color=DATA, label="measured")
 

@@ -313,7 +313,7 @@ def _unidentifiable(p: Array, std: Array, condition: float, pair: Sequence[float
     lines = []
     (f_AR, f_R), (low, high) = pair, band
     if f_AR > high:
-        lines.append(f"f_AR {f_AR:.4g} Hz above the band, {high:g} Hz: widen the band or give a prior on K")
+        lines.append(f"f_AR {f_AR:.4g} Hz above the band, {high:g} Hz: widen the band or measure K elsewhere")
     elif f_AR < low:
         lines.append(f"f_AR {f_AR:.4g} Hz below the band, {low:g} Hz: widen the band")
     elif f_R > high:

@@ -19,6 +19,7 @@ from scipy.special import gammainccinv
 from ident.campaign import Array, Campaign, Record
 from ident.errors import CampaignError
 from ident.leakage import BINS, ORDER, ROUNDING, Complex, between_lines, most_telling, moving_average
+from ident.quantisation import encoder_step, quantisation
 from ident.settling import FALSE_ALARM, arrived, settled_from
 
 __all__ = ["BINS", "ORDER", "ROUNDING", "Complex", "Detection", "Frf", "Spectra", "estimate", "moving_average"]
@@ -35,8 +36,6 @@ POSTURE_TOLERANCE = 0.02
 DRIFT_TOLERANCE = 5e-3
 #: Share of the sampling rate up to which motion is read.
 HIGHEST = 0.45
-#: Encoder steps, at most, over which an angle is at rest.
-FEW_STEPS = 6
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,8 @@ class Detection:
 class Spectra:
     """One record at every line of its band, excited or not; amplitudes as in `Frf`.
 
-    `lines` [F] harmonics of `f0` [Hz], `excited` [F]; `tau`, `theta` [F, n], `noise` [R, F, 2n] as in `Frf`; `mean_tau` [n, N m] and
+    `lines` [F] harmonics of `f0` [Hz], `excited` [F]; `tau`, `theta` [F, n], `noise` [R, F, 2n] as in `Frf`; `floor` [F, n, rad^2] the
+    quantisation variance of theta at each line; `mean_tau` [n, N m] and
     `mean_theta` [n, rad] motor side, over the kept periods. `beyond` are (lines [H], tau, theta [H, n]) below and above the band, where
     a nonlinear motion goes on, noise and all.
     """
@@ -83,6 +83,7 @@ class Spectra:
     tau: Complex
     theta: Complex
     noise: Complex
+    floor: Array
     mean_tau: Array
     mean_theta: Array
     beyond: tuple[NDArray[np.int64], Complex, Complex]
@@ -100,7 +101,7 @@ class Frf:
     R independent samples of the error of (tau, theta) at every line: the mean of z z^H is its covariance. `variance`
     [L] is E|dG|^2, smoothed over `width` lines to `dof` degrees of freedom, never below the quantisation floor.
     `first` is the first settled period of the record, `periods` the number kept, `floor` [n, rad^2] the quantisation
-    variance of a line of theta, `step` [n, rad] the encoder step found in the data, `drift` [n, rad] how far each
+    variance of a line of theta, the mean over all lines, `step` [n, rad] the encoder step found in the data, `drift` [n, rad] how far each
     joint's mean moved from the first to the last kept period, `offset` [n, rad] mean link posture minus declared one
     (drift and offset joint side; m for prismatic joints). `status` is empty when all is well. `band` has the lines that were
     not excited too.
@@ -171,7 +172,7 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     joint = _check(record, campaign)
     P, S, n = record.periods, record.samples_per_period, campaign.n
     lines, band = np.asarray(record.lines), np.arange(record.lines[0], record.lines[-1] + 1)
-    step = _encoder_step(record.theta)
+    step = encoder_step(record.theta)
     first, settled = settled_from(record, band, step**2 / (3.0 * S))
     first, mean, noise = most_telling(record, band, first)
     excited = np.isin(band, lines)
@@ -188,10 +189,10 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
             f"record {record.id}: line {silent[0]} is listed as excited, but {record.excited} has no torque there"
         )
     periods = kept.reshape(M, S, 2 * n)
-    floor = _quantisation(step, periods[:, :, n:], bool(np.all(lines % 2)))
+    floor, floors = quantisation(step, periods[:, :, n:], bool(np.all(lines % 2)))
     width, dof = _averaging(len(lines), _spacing(lines), M)
     variance = _variance(
-        tau[:, joint], theta[:, joint], noise[:, excited][:, :, [joint, n + joint]], width, floor[joint]
+        tau[:, joint], theta[:, joint], noise[:, excited][:, :, [joint, n + joint]], width, floors[lines, joint]
     )
 
     rest = periods.mean(axis=1)
@@ -201,7 +202,7 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     status = [] if settled else [_unsettled(record, first)]
     status += _posture_status(record, campaign, drift, offset)
     whole = Spectra(
-        band, record.f0, excited, _fixed(mean[:, :n]), _fixed(mean[:, n:]), _fixed(noise),
+        band, record.f0, excited, _fixed(mean[:, :n]), _fixed(mean[:, n:]), _fixed(noise), floors[band],
         rest.mean(axis=0)[:n], rest.mean(axis=0)[n:], _beyond(kept, M, band),
     )  # fmt: skip
     return Frf(
@@ -261,14 +262,6 @@ def _check(record: Record, campaign: Campaign) -> int:
     return campaign.joints.index(record.excited)
 
 
-def _encoder_step(theta: Array) -> Array:
-    """Returns the smallest change between two samples [n, rad]: the encoder's step, or next to nothing."""
-    change = np.abs(np.diff(theta, axis=0))
-    change[change == 0.0] = np.inf
-    smallest = change.min(axis=0)
-    return np.where(np.isfinite(smallest), smallest, 0.0)
-
-
 def noise_dof(L: int, spacing: int, M: int) -> float:
     """Returns how many independent complex samples the errors at L lines are, `spacing` harmonics apart, of M periods:
     neighbours share bins, and a bin counts once."""
@@ -286,23 +279,8 @@ def _averaging(L: int, spacing: int, M: int) -> tuple[int, float]:
     return width, 2.0 * noise_dof(width, spacing, M)
 
 
-def _quantisation(step: Array, angles: Array, odd: bool) -> Array:
-    """Returns the quantisation variance [n, rad^2] of a line of the mean of `angles` [M, S, n]: step^2/12 over the DFT.
-
-    E|X|^2 = 4/S * step^2/12 in peak amplitudes. Noise of standard deviation sigma makes the error another one in every period
-    but for a share exp(-(2 pi sigma / step)^2) of its power (B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008); that
-    share repeats, and with an `odd` excitation (half-wave symmetric, all lines odd) it may gather on the odd lines: twice
-    the power. An angle of `FEW_STEPS` in all, of a joint that sticks, flickers without being another: all of it repeats.
-    """
-    M, S, _ = angles.shape
-    sigma2 = np.maximum(np.mean(np.var(angles, axis=0, ddof=1), axis=0) - step**2 / 12.0, 0.0)
-    same = np.exp(-((2.0 * np.pi) ** 2) * sigma2 / np.where(step > 0.0, step, 1.0) ** 2)
-    same = np.where(np.ptp(angles, axis=(0, 1)) < (FEW_STEPS + 0.5) * step, 1.0, same)
-    return (same * (2.0 if odd else 1.0) + (1.0 - same) / M) * step**2 / (3.0 * S)
-
-
-def _variance(tau: Complex, theta: Complex, noise: Complex, width: int, floor: float) -> Array:
-    """Returns the variance of theta / tau [L] from error samples `noise` [R, L, 2] of (tau, theta).
+def _variance(tau: Complex, theta: Complex, noise: Complex, width: int, floor: Array) -> Array:
+    """Returns the variance of theta / tau [L] from error samples `noise` [R, L, 2] of (tau, theta) and the `floor` [L] of theta's.
 
     The equation error e = dtheta - G dtau leaves feedback out: it is G times the torque noise plus the encoder noise.
     Its power is therefore scaled by a |G|^2 + b (a, b >= 0, maximum likelihood) before it is smoothed over `width`

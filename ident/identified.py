@@ -35,6 +35,8 @@ _ARRAYS = ("gravity", "alpha", "covariance", "unseen")
 
 #: What robot.toml says of a drive that nothing was found of.
 _UNSEEN = "no record excites this joint: K and J_m as declared, or typical; damping 1 %"
+#: The same of one that is excited, but shows no spring.
+_UNTOLD = "the records do not tell K: its standard deviation is larger than K"
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,11 @@ def of_identification(identification: Identification, robot: Robot | None = None
     r = identification
     if r.coupled is not None:
         numbers = [r.coupled.K, r.coupled.J_m, r.coupled.D, r.coupled.D_spring]
-        notes = tuple(_UNSEEN if std > K else "" for K, std in zip(r.coupled.K, r.coupled.drive_std[0], strict=True))
+        excited = {record.excited for record in r.campaign.records}
+        notes = tuple(
+            "" if std <= K else _UNTOLD if joint in excited else _UNSEEN
+            for joint, K, std in zip(r.campaign.joints, r.coupled.K, r.coupled.drive_std[0], strict=True)
+        )
     else:
         numbers, notes = _separate_drives(r)
     return of_parts(

@@ -12,15 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ident import misfits
 from ident.campaign import Array, Campaign, Record
 from ident.campaign_model import model_of_campaign
 from ident.coupled import CoupledFit, fit_coupled
 from ident.drive import SharedDrive
 from ident.errors import IdentError
 from ident.faults import Fault, doubtful_ratio, refuse
-from ident.fit import PARAMETERS, ThreePoint, TwoMass, predict, three_point, two_mass
+from ident.fit import PARAMETERS, ThreePoint, TwoMass, predict, three_point, two_mass, two_mass_frequencies
 from ident.frf import Complex, Frf, estimate
 from ident.links import nearest_links
+from ident.misfits import Misfit
 from ident.modal import Modal, modal
 from ident.one_arm import OneArm, determined, of_coupled, of_records
 from ident.physical import Consistency
@@ -43,13 +45,15 @@ class Measurement:
     """One record and what was read from it: `J` [kg m2] with `std` is the J_ii(q) found at its posture; `J_cad` declared.
 
     `G_model` [L] is the response theta / tau of the excited joint by the method's model (by two masses for
-    "three-point", which has none for all lines); `two_mass` with other methods a quick fit, to compare, None where the
-    record has too few lines for it; `explained` when the misfit `chi2_per_dof` stays below `chi2_limit`. With "coupled"
-    all records stand or fall together, and chi2_per_dof is that of the excited joint alone.
+    "three-point", which has none for all lines), `G_declared` [L] that of the declared arm by the model of all motors, None with other
+    methods; `two_mass` with other methods a quick fit, to compare, None where the record has too few lines for it. `K` [N m/rad, joint
+    side] and `J_m` [kg m2, motor side] are the drive that goes with J. `misfit` line by line; `explained` when `chi2_per_dof` stays below
+    `chi2_limit`. With "coupled" misfit and chi2_per_dof are of all motors that move in the record, and all records stand or fall together.
     """
 
     record: Record
     index: int
+    N: float
     method: str
     frf: Frf
     three_point: ThreePoint
@@ -57,10 +61,28 @@ class Measurement:
     J: float
     std: float
     J_cad: float
+    K: float
+    J_m: float
     G_model: Complex
+    G_declared: Complex | None
+    misfit: Misfit
     chi2_per_dof: float
     chi2_limit: float
     explained: bool
+
+    @property
+    def pair(self) -> tuple[float, float]:
+        """(f_AR, f_R) [Hz] by (4) of J and its drive, or as the three points were read; NaN where these are no masses and spring."""
+        if self.method == "three-point":
+            return self.three_point.f_AR, self.three_point.f_R
+        if not (self.J > 0.0 and self.K > 0.0 and self.J_m > 0.0):
+            return np.nan, np.nan
+        return two_mass_frequencies(self.J_m, self.K, self.J, self.N)
+
+    @property
+    def inertia_ratio(self) -> float:
+        """J / (N^2 J_m); NaN where that is no mass."""
+        return self.J / (self.N**2 * self.J_m) if self.J_m > 0.0 else np.nan
 
 
 @dataclass(frozen=True)
@@ -145,10 +167,8 @@ def identify(
             arm = of_records(campaign, model, q, index, readings.fits, three)
         physical = _possible_links(model, arm)
     J_cad = J_cad[np.arange(len(q)), index, index]
-    measurements = tuple(
-        _measurement(campaign, k, method, frf, readings, (arm.J[k], arm.std[k], J_cad[k]))
-        for k, frf in enumerate(responses)
-    )
+    with _timed(seconds, "misfit"):
+        measurements = _measurements(campaign, model, method, responses, readings, arm, J_cad)
     doubts += _doubtful_ratios(campaign, arm, arm.J / J_cad, index)
     found = _notes(model, responses, readings, arm, physical)
     agree = all(drive.agrees for drive in arm.drives) and arm.alpha.agrees
@@ -234,24 +254,42 @@ def _read(campaign: Campaign, model: Model, responses: list[Frf], method: str, J
     return _Readings(three, compared, (), fit_coupled(campaign, model, responses, workers=workers))
 
 
-def _measurement(
-    campaign: Campaign, k: int, method: str, frf: Frf, readings: _Readings, found: tuple[float, float, float]
-) -> Measurement:
-    """Record k with its model's response and misfit; `found` is J, its standard deviation, and CAD's J."""
-    fit = readings.coupled or readings.fits[k]
-    misfit = (fit.chi2_per_dof, fit.chi2_limit, fit.explained)
-    if isinstance(fit, TwoMass):
-        G = predict(fit.parameters, frf.frequencies, float(campaign.N[frf.index]), campaign.fs, campaign.hold)
-    elif isinstance(fit, Modal):
-        G = fit.G
-    else:
-        G = fit.predict(k)[:, frf.index] / frf.tau[:, frf.index]
-        off = np.abs(frf.G - G)[frf.usable] ** 2 / frf.variance[frf.usable]
-        misfit = (float(off.mean()), fit.chi2_limit, fit.explained)
-    J, std, J_cad = map(float, found)
-    return Measurement(
-        campaign.records[k], frf.index, method, frf, readings.three_point[k], readings.two_mass[k], J, std, J_cad, G, *misfit
-    )  # fmt: skip
+def _measurements(
+    campaign: Campaign, model: Model, method: str, responses: list[Frf], readings: _Readings, arm: OneArm, J_cad: Array
+) -> tuple[Measurement, ...]:
+    """The records as the method's model has them; `J_cad` [R] that of the declared arm."""
+    drives = {drive.joint: drive for drive in arm.drives}
+    found = []
+    for k, (G, declared, left, judged) in enumerate(_told(campaign, model, responses, readings)):
+        frf, record, drive = responses[k], campaign.records[k], drives[campaign.records[k].excited]
+        K, J_m = drive.K.value, drive.J_m.value
+        if method == "three-point":
+            K, J_m = readings.three_point[k].K, readings.three_point[k].J_m
+        elif not drive.agrees:  # each record keeps its own reading
+            K, J_m = readings.fits[k].K, readings.fits[k].J_m
+        three, two, N = readings.three_point[k], readings.two_mass[k], float(campaign.N[frf.index])
+        J = float(arm.J[k]), float(arm.std[k]), float(J_cad[k])
+        found.append(Measurement(record, frf.index, N, method, frf, three, two, *J, K, J_m, G, declared, left, *judged))
+    return tuple(found)
+
+
+def _told(
+    campaign: Campaign, model: Model, responses: list[Frf], readings: _Readings
+) -> Iterator[tuple[Complex, Complex | None, Misfit, tuple[float, float, bool]]]:
+    """Yields of each record the model's response, the declared arm's, the misfit, and its chi2_per_dof, limit, `explained`."""
+    fit = readings.coupled
+    if fit is not None:
+        for k, whole in enumerate(misfits.of_coupled(campaign, model, responses, fit)):
+            i = responses[k].index
+            G = fit.predict(k)[:, i] / responses[k].tau[:, i]
+            yield G, whole.declared, whole.misfit, (whole.chi2_per_dof, fit.chi2_limit, fit.explained)
+        return
+    for frf, one in zip(responses, readings.fits, strict=True):
+        if isinstance(one, Modal):
+            G = one.G
+        else:
+            G = predict(one.parameters, frf.frequencies, float(campaign.N[frf.index]), campaign.fs, campaign.hold)
+        yield G, None, misfits.of_response(frf, G), (one.chi2_per_dof, one.chi2_limit, one.explained)
 
 
 def _possible_links(model: Model, arm: OneArm) -> Consistency:

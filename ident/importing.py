@@ -25,6 +25,8 @@ _ROUND = 1e-4
 _CLOCKS = ("header/stamp", "log_time")
 #: Relative difference allowed between f0 said and sampling rate over period: a few roundings.
 _SAME = 1e-6
+#: A joint that rested no further from 0 than this [rad or m] shows nothing of its gear at rest.
+RESTS = 0.05
 #: Share of the lines, at either end of the band, at which signs are judged: there a motor moves like a mass.
 _ENDS = 0.1
 
@@ -122,6 +124,7 @@ def import_files(mapping: Map, files: Sequence[str | Path]) -> Imported:
         unit = "no torque constant is known: read A for N m, A s2/rad for kg m2 and A/rad for N m/rad"
         said += f"; torque of {', '.join(currents)} in A, {unit}"
         notes.append(f"{', '.join(currents)}: {unit}")
+    notes += _untold_gears(mapping, records)
     campaign = Campaign(
         urdf=mapping.urdf,
         joints=tuple(joint.name for joint in mapping.joints),
@@ -350,6 +353,17 @@ def _signs(record: Record, mapping: Map) -> list[str]:
                 "says; expected 1: check N, counts and units"
             )
     return notes
+
+
+def _untold_gears(mapping: Map, records: Sequence[Record]) -> list[str]:
+    """A note if there are joints of whose gear no angle at rest tells anything."""
+    at_zero = np.abs([record.posture for record in records]).max(axis=0) <= RESTS
+    names = [joint.name for joint, zero in zip(mapping.joints, at_zero, strict=True) if zero and joint.N != 1]
+    if not names:
+        return []
+    gears = "gear ratio and sign of" if len(names) == 1 else "gear ratios and signs of"
+    was = "it rested" if len(names) == 1 else "they rested"
+    return [f"{gears} {', '.join(names)} are taken as declared: {was} at 0 in all records"]
 
 
 def _summary(record: Record, fs: float, path: Path) -> str:

@@ -89,19 +89,30 @@ def _expected(campaign: Campaign, J: Array, record: Record, f: Array, tau: Compl
     live = np.flatnonzero(np.ptp(record.theta[-record.samples_per_period :], axis=0) > 0)
     if i not in live or not np.isfinite(campaign.J_m[i]) or not tau[:, i].all():
         return np.full(len(f), np.nan, dtype=complex)
-    J, N, K = J[np.ix_(live, live)], campaign.N[live], campaign.K[live]
-    w, rotor = 2 * np.pi * f, campaign.N[i] ** 2 * campaign.J_m[i]
-    K = np.where(np.isfinite(K), K, 1e3 * (rotor + np.diag(J)) * w.max() ** 2) * (1 + 0.02j)
-    spring = np.broadcast_to(np.diag(K), (len(w), *J.shape))
-    felt = spring - spring @ np.linalg.solve(spring - w[:, None, None] ** 2 * J, spring)
+    felt, rotor = felt_by_motors(campaign, J, live, f)
     port = int(np.searchsorted(live, i))
     others = np.delete(np.arange(len(live)), port)
-    moved = np.einsum("lk,lk->l", felt[:, port, others], theta[:, live[others]] / N[others])
-    held = (
-        np.sinc(f / campaign.fs) * np.exp(-1j * np.pi * f / campaign.fs) if campaign.hold == "zoh" else np.ones(len(f))
-    )
-    force = held * tau[:, i] * N[port] - moved
-    return np.asarray(N[port] * force / (felt[:, port, port] - w**2 * rotor))
+    moved = np.einsum("lk,lk->l", felt[:, port, others], theta[:, live[others]] / campaign.N[live[others]])
+    force = hold_gain(campaign, f) * tau[:, i] * campaign.N[i] - moved
+    return np.asarray(campaign.N[i] * force / (felt[:, port, port] + rotor[:, port]))
+
+
+def felt_by_motors(campaign: Campaign, J: Array, live: NDArray[np.intp], f: Array) -> tuple[Complex, Array]:
+    """What the `live` motors [m] feel of springs and links as a dynamic stiffness [L, m, m] at f [L, Hz], joint side, and of their
+    own rotors [L, m]. Springs are rigid where K is unknown."""
+    J, K, w = J[np.ix_(live, live)], campaign.K[live], 2 * np.pi * f
+    rotor = campaign.N[live] ** 2 * campaign.J_m[live]
+    K = np.where(np.isfinite(K), K, 1e3 * (np.nanmax(rotor) + np.diag(J)) * w.max() ** 2) * (1 + 0.02j)
+    spring = np.broadcast_to(np.diag(K), (len(w), *J.shape))
+    felt = spring - spring @ np.linalg.solve(spring - w[:, None, None] ** 2 * J, spring)
+    return felt, -(w[:, None] ** 2) * rotor
+
+
+def hold_gain(campaign: Campaign, f: Array) -> Complex:
+    """What a torque held between samples is at its own line f [L, Hz]."""
+    if campaign.hold != "zoh":
+        return np.ones(len(f), dtype=complex)
+    return np.asarray(np.sinc(f / campaign.fs) * np.exp(-1j * np.pi * f / campaign.fs))
 
 
 # cables ---------------------------------------------------------------------------------------------------------
@@ -141,13 +152,23 @@ def swapped(campaign: Campaign, looks: list[Look]) -> Iterator[tuple[int, int, F
 
 
 def _errors(campaign: Campaign, looks: list[Look], j: int, column: int | None = None) -> Array:
-    """Mean angle [R] of joint j minus its posture, read from its own encoder or that of joint `column`."""
+    """Mean angle [R] of joint j minus its posture, read from its own encoder or that of joint `column`; of its own with the spring's
+    deflection taken off where that leaves less, as torques may have a wrong unit."""
     column = j if column is None else column
     angle = np.array([look.rest[column] for look in looks]) * campaign.N[column] / campaign.N[j]
-    return np.asarray(angle - _posture(looks, j))
+    error = np.asarray(angle - posture_of(looks, j))
+    straight = error - (_deflection(campaign, looks, j) if column == j else 0.0)
+    return np.where(np.abs(straight) < np.abs(error), straight, error)
 
 
-def _posture(looks: list[Look], j: int) -> Array:
+def _deflection(campaign: Campaign, looks: list[Look], j: int) -> Array:
+    """By how much [R] the spring of joint j gives at rest under its torque; zero where K is not known."""
+    K = campaign.K[j]
+    return np.array([look.load[j] for look in looks]) / K if np.isfinite(K) else np.zeros(len(looks))
+
+
+def posture_of(looks: list[Look], j: int) -> Array:
+    """The declared angle [R] of joint j in every record."""
     return np.array([look.record.posture[j] for look in looks])
 
 
@@ -191,7 +212,7 @@ def at_rest(campaign: Campaign, looks: list[Look], j: int) -> list[Fault]:
 
 def in_motion(campaign: Campaign, looks: list[Look], j: int) -> list[Fault]:
     """Sign and unit, where the response says so: angles at rest agree, or say nothing."""
-    name, at_zero = campaign.joints[j], np.abs(_posture(looks, j)).max() <= AT_REST
+    name, at_zero = campaign.joints[j], np.abs(posture_of(looks, j)).max() <= AT_REST
     cosine, size = _answer(looks, j)
     if cosine < -AGREES:
         which = "theta or tau" if at_zero else "tau"
@@ -219,9 +240,16 @@ def _answer(looks: list[Look], j: int) -> tuple[float, float]:
 
 
 def _named_at_rest(campaign: Campaign, looks: list[Look], j: int) -> Fault | None:
-    """The slip that brings the mean angles of a joint to its postures, if one does."""
+    """The slip that brings the mean angles of a joint to its postures, or to where its motor stands when its spring gives, if one does."""
+    postures = posture_of(looks, j)
+    tried = (_named_at(campaign, looks, j, q) for q in (postures, postures + _deflection(campaign, looks, j)))
+    return next((fault for fault in tried if fault is not None), None)
+
+
+def _named_at(campaign: Campaign, looks: list[Look], j: int, q: Array) -> Fault | None:
+    """The slip that brings the mean angles of a joint to angles q [R], if one does."""
     name, N = campaign.joints[j], float(campaign.N[j])
-    angle, q = np.array([look.rest[j] for look in looks]), _posture(looks, j)
+    angle = np.array([look.rest[j] for look in looks])
     slope = float(angle @ q / (q @ q)) if q.any() else np.nan
     cosine, size = _answer(looks, j)
 
@@ -308,14 +336,16 @@ def wrong_ratio(campaign: Campaign, looks: list[Look], j: int) -> list[Fault]:
 
     Motion knows of N through J/N^2 and K/N^2 beside J_m: errors of CAD and datasheet do not look like it beyond 30 %.
     """
-    name, N, q = campaign.joints[j], float(campaign.N[j]), _posture(looks, j)
+    name, N, q = campaign.joints[j], float(campaign.N[j]), posture_of(looks, j)
     if np.ptp(q) > 2 * AT_REST and len(looks) > 2:
-        load = np.array([look.load[j] for look in looks])
-        bent = load / campaign.K[j] if np.isfinite(campaign.K[j]) else np.zeros(len(q))
-        errors = _errors(campaign, looks, j) - (bent if np.abs(bent).max() < AT_REST else 0.0)
-        (slope, zero), *_ = np.linalg.lstsq(np.stack([q, np.ones_like(q)], axis=1), errors, rcond=None)
-        effect = slope * (q - q.mean())
-        if abs(slope) <= RATIO or np.abs(effect).max() < SCATTER * np.abs(errors - slope * q - zero).max():
+        errors = np.array([look.rest[j] for look in looks]) - q
+        line_of = np.stack([q, np.ones_like(q)], axis=1)
+        slope, scatter = np.inf, 0.0
+        for straight in (errors, errors - _deflection(campaign, looks, j)):  # the torque may have a wrong unit
+            found = np.linalg.lstsq(line_of, straight, rcond=None)[0]
+            if abs(found[0]) < abs(slope):
+                slope, scatter = float(found[0]), float(np.abs(straight - line_of @ found).max())
+        if abs(slope) <= RATIO or np.abs(slope * (q - q.mean())).max() < SCATTER * scatter:
             return []
         line = f"{name}: its angles at rest say N = {N * (1 + slope):.5g}, declared is {N:g}: correct the gear ratio"
         return [Fault("wrong gear ratio", name, "", line, REFUSE)]

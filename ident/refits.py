@@ -134,6 +134,14 @@ def _drawn_besides(effects: Sequence[Effect], n: int) -> list[int]:
     return [SLOPES[e.port, e.variable] * n + e.joint for e in curves if e.joint is not None]
 
 
+def _as_declared(bench: Bench, refit: Refit) -> Array:
+    """Where the fit begins: with dampings that curves draw, too, as declared. What was found without the curve is not the damping."""
+    n, vector = len(bench.guess.K), refit.vector.copy()
+    dampings = [k for k in _drawn_besides(refit.effects, n) if k >= 2 * n]
+    vector[dampings] = bench.guess.vector()[dampings]
+    return vector
+
+
 def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
     """The models of `refits`, made by all workers."""
 
@@ -175,7 +183,7 @@ def fitted(bench: Bench, refit: Refit) -> State:
     whole = degrees(bench.split.fit) / degrees(fit), degrees(bench.split.select) / degrees(select)
     try:
         with np.errstate(all="ignore"):
-            minimum = minimise(problem, refit.vector, refit.doubts, refit.outer, refit.roughly)
+            minimum = minimise(problem, _as_declared(bench, refit), refit.doubts, refit.outer, refit.roughly)
             problem = replace(problem, slid=minimum.slid)
             chosen = replace(problem, data=select)
             chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from importlib.metadata import version
@@ -16,7 +16,7 @@ import numpy as np
 from ident import verdict
 from ident.certainty import certainty
 from ident.fit import PARAMETERS, TwoMass
-from ident.identify import UNSEEN_POSTURES, Identification, Measurement
+from ident.identify import OF_TWO_MASSES, UNSEEN_POSTURES, Identification, Measurement
 from ident.plain import plain, replace_file
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ def result_document(
         "K": shared("K"),
         "J_m": shared("J_m"),
         "D": shared("D"),
+        "D_spring": shared("D_spring"),
         "drives_agree": {drive.joint: drive.agrees for drive in r.drives},
         "chi2_per_dof": r.chi2_per_dof,
         "explained": r.explained,
@@ -94,7 +95,7 @@ def environment() -> Environment:
 
     folder = FileSystemLoader(Path(__file__).parent)
     found = Environment(loader=folder, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    found.filters |= {"number": verdict.number, "percent": _percent, "within": _within, "constant": _constant}
+    found.filters |= {"number": verdict.number, "percent": _percent, "within": verdict.within, "constant": _constant}
     return found
 
 
@@ -103,8 +104,11 @@ def software() -> dict[str, str]:
     return {"Python": platform.python_version()} | {name: version(name) for name in SOFTWARE}
 
 
-def html(identification: Identification) -> str:
-    """Returns the report as one HTML file that needs nothing else: offline, on paper, on a dark or narrow screen."""
+def html(identification: Identification, methods: Sequence[Mapping[str, Any]] = ()) -> str:
+    """Returns the report as one HTML file that needs nothing else: offline, on paper, on a dark or narrow screen.
+
+    `methods` are rows of `side_by_side.comparison`, this identification's first.
+    """
     from markupsafe import Markup
 
     from ident import figures
@@ -141,11 +145,11 @@ def html(identification: Identification) -> str:
             rows=rows,
             sweeps=sweeps,
             facts=_facts(r, document),
+            methods=methods,
             serious=any(problem["serious"] for problem in document["problems"]),
             suspects=list(dict.fromkeys(row["name"] for row in rows if not row["m"].explained)),
             bands=tuple(verdict.BANDS),
             entry_name=lambda i, j: verdict.entry(i, j, n),
-            limit=figures.RESIDUAL_LIMIT,
             inf=np.inf,
             software=software(),
         )
@@ -157,13 +161,14 @@ def write(
 ) -> tuple[Path, Path]:
     """Writes result.json and report.html into `directory`, made where missing, and returns their paths.
 
-    `document` is the result's where it tells more than the identification does. Each file is replaced only by a finished one. IdentError naming the file that can not be written.
+    `document` is the result's where it tells more than the identification does, `methods` side by side among it. Each file is
+    replaced only by a finished one. IdentError naming the file that can not be written.
     """
     directory = Path(directory)
-    document = result_document(identification) if document is None else document
+    document = result_document(identification) if document is None else plain(document)
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     result, report = directory / "result.json", directory / "report.html"
-    page = html(identification)
+    page = html(identification, document.get("methods", ()))
     replace_file(result, text)
     replace_file(report, page)
     return result, report
@@ -178,6 +183,7 @@ def summary_plot(identification: Identification, path: str | Path) -> None:
 
 def _record(m: Measurement) -> dict[str, Any]:
     fit, three = m.two_mass, m.three_point
+    f_AR, f_R = m.pair
     return {
         "excited": m.record.excited,
         "posture": m.record.posture,
@@ -188,10 +194,13 @@ def _record(m: Measurement) -> dict[str, Any]:
         "three_point": {name: getattr(three, name) for name in ("f_AR", "f_R", "J_m", "K", "J_l", "status")},
         "chi2_per_dof": m.chi2_per_dof,
         "explained": m.explained,
-        **{name: fit and getattr(fit, name) for name in ("f_AR", "f_R", "inertia_ratio", "band_ratio")},
+        "f_AR": f_AR,
+        "f_R": f_R,
+        "inertia_ratio": m.inertia_ratio,
+        "band_ratio": f_AR / m.frf.frequencies[m.frf.usable][-1] if m.frf.usable.any() else None,
         "periods_used": m.frf.periods,
         "distortion": {name: verdict.distortion(m, *band) for name, band in verdict.BANDS.items()},
-        "status": (*m.frf.status, *(fit.status if fit else ())),
+        "status": (*m.frf.status, *(fit.status if fit and m.method in OF_TWO_MASSES else ())),
     }
 
 
@@ -232,11 +241,14 @@ def _inertia_vs_cad(r: Identification) -> dict[str, Any]:
 def _facts(r: Identification, document: dict[str, Any]) -> list[dict[str, Any]]:
     """The result at a glance: label, value, note, and whether that is good (None: neither)."""
     fits = r.measurements
-    explained, d = sum(m.explained for m in fits), r.model.d
+    explained, (fixed, shown) = sum(m.explained for m in fits), _determined(r)
+    aside = len(r.alpha_all) - shown
     worst = max(fits, key=lambda m: m.chi2_per_dof / m.chi2_limit)
     per_entry = np.array(document["certainty"]["per_entry"], dtype=float)
     known, blind = np.isfinite(per_entry), not np.isfinite(per_entry).all()
     uncertain = float(per_entry[known].max(initial=0.0))
+    close = f"{', where seen' if blind else ''}{'' if r.explained else ', were the model right'}"
+    close += f"; {aside} more, which no Jᵢᵢ shows, are CAD’s" if aside else ""
     checks = [abs(check["sigmas"]) for check in document["validation"].values()]
     against, number = document["inertia_vs_cad"], verdict.number
     own = np.array(against["own_per_entry"], dtype=float)
@@ -246,21 +258,33 @@ def _facts(r: Identification, document: dict[str, Any]) -> list[dict[str, Any]]:
     agree = r.alpha.agrees and all(drive.agrees for drive in r.drives)
     misfit = (worst.chi2_per_dof, worst.chi2_limit) if r.coupled is None else (r.chi2_per_dof, r.coupled.chi2_limit)
     which = "largest " if r.coupled is None else "all motors: "
+    possible = r.consistency.ok
     rows = [
         ("records explained", f"{explained} of {len(fits)}", explained == len(fits),
          f"{which}χ²/dof {number(misfit[0], 3)}, noise allows {number(misfit[1], 3)}"),
-        ("constants determined", f"{r.alpha.determined.sum()} of {d}", bool(r.alpha.determined.all()),
-         f"J(q) to {number(100 * uncertain, 2)} % of √(Jᵢᵢ Jⱼⱼ), one σ{', where seen' if blind else ''}"),
+        ("constants determined", f"{fixed} of {shown}", _good(fixed == shown, r.explained),
+         f"J(q) to {number(100 * uncertain, 2)} % of √(Jᵢᵢ Jⱼⱼ), one σ{close}"),
         ("measurements agree", "yes" if agree else "no", agree,
          checked + (f", worst by {number(max(checks), 2)} σ" if checks else "")),
-        ("rigid bodies with these constants", "exist" if r.consistency.ok else "do not exist", r.consistency.ok,
-         "" if r.consistency.ok else f"nearest ones {number(r.consistency.distance, 2)} σ away"),
+        ("rigid bodies with these constants", "exist" if possible else "do not exist", _good(possible, r.explained),
+         "" if possible else f"nearest ones {number(r.consistency.distance, 2)} σ away"),
         ("largest difference from CAD", f"{number(100 * against['largest'], 2)} %", None,
          f"of the largest entry of J(q); {largest}"),
     ]  # fmt: skip
     if r.coupled is not None:  # one fit: nothing is left to agree or not
         rows = [row for row in rows if row[0] != "measurements agree"]
     return [dict(zip(("label", "value", "ok", "note"), row, strict=True)) for row in rows]
+
+
+def _determined(r: Identification) -> tuple[int, int]:
+    """How many constants the records fix, and how many they might: all, or read one by one those that J_ii shows."""
+    shown = r.model.d if r.coupled is None else len(r.alpha_all)
+    return int(np.isfinite(r.alpha_std[:shown]).sum()), shown
+
+
+def _good(ok: bool, matters: bool) -> bool | None:
+    """Whether something is good; neither where it is, but does not matter."""
+    return ok if matters or not ok else None
 
 
 def _validation(r: Identification) -> dict[str, Any]:
@@ -289,13 +313,6 @@ def _percent(value: float | None, reference: float | None) -> str:
     off = 100.0 * (value - reference) / abs(reference)
     digits = 3 if abs(off) < 10.0 else 1
     return f"{round(off, digits) + 0.0:+.{digits}f}".replace("-", "−")
-
-
-def _within(value: float | None, std: float | None) -> str:
-    """The value with the digits its standard deviation leaves it."""
-    if value is None or std is None or not np.isfinite(std) or std <= 0.0 or abs(value) < 1e-3 or abs(value) >= 1e6:
-        return verdict.number(value, 6)
-    return f"{value:.{int(np.clip(1 - np.floor(np.log10(std)), 0, 9))}f}".replace("-", "−")
 
 
 def _constant(name: str) -> Markup:

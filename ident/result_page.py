@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ident.identify import UNSEEN_POSTURES, Identification
+from ident.verdict import NEXT, number, within
 
 #: Notes of a brief page.
 _BRIEF = 3
@@ -33,11 +34,17 @@ def _records(result: Identification) -> list[str]:
     rows = [f"{'record':<7}{'entry':<6}{head}"]
     for m in result.measurements:
         posture = "".join(f"{value:8.4f} " for value in m.record.posture)
-        values = f"{m.J:>11.5f}{m.std:>9.2g}{m.J_cad:>10.5f}{_percent(m.J, m.J_cad):>9}"
+        values = f"{_within(m.J, m.std):>11}{m.std:>9.2g}{_short(m.J_cad, 5):>10}{_percent(m.J, m.J_cad):>9}"
         fits = "" if m.explained else "  does not fit"
         entry = f"J_{m.index + 1}{m.index + 1}"
         rows.append(f"{m.record.id:<7}{entry:<6}{posture}{values}{m.chi2_per_dof:>10.3g}{fits}")
-    return rows
+    whose = {
+        "coupled": f"of all motors that move in a record; of all records {result.chi2_per_dof:.3g}, noise allows "
+        f"{result.measurements[0].chi2_limit:.3g}",
+        "modal": f"of the modes of each record; of all records {result.chi2_per_dof:.3g}",
+    }
+    of_two_masses = f"of two masses for the excited motor; of all records {result.chi2_per_dof:.3g}"
+    return [*rows, f"chi2/dof: {whose.get(result.method, of_two_masses)}"]
 
 
 def _constants(alpha: dict[str, Any]) -> list[str]:
@@ -46,7 +53,7 @@ def _constants(alpha: dict[str, Any]) -> list[str]:
     for name, value, std, unit, cad in zip(*columns, strict=True):
         kept = "held at CAD" if np.isclose(value, cad, rtol=1e-9, atol=0.0) else "unknown"
         sigma = kept if std is None else f"{std:.2g}"
-        rows.append(f"{name:<14}{value:>12.6f}{sigma:>12}{cad:>12.6f}{_percent(value, cad):>9}  {unit}")
+        rows.append(f"{name:<14}{_within(value, std):>12}{sigma:>12}{_short(cad):>12}{_percent(value, cad):>9}  {unit}")
     return rows
 
 
@@ -69,12 +76,22 @@ def _findings(document: dict[str, Any]) -> list[str]:
             f"Largest sigma of J(q) over sqrt(J_ii J_jj): wanted {target}, predicted {predicted}, achieved {achieved}, in "
             f"{told['robot_time_s']:.0f} s of robot time."
         )
-    rows.append(
-        "THE MODEL DOES NOT EXPLAIN THE RECORDS: see the report."
-        if doubtful(document)
-        else "The model explains the records."
-    )
+    if not document["explained"]:
+        lacks = f", and what it lacks by {NEXT}" if document["method"] == "coupled" else ""
+        rows.append(f"THE MODEL DOES NOT EXPLAIN THE RECORDS: see the report{lacks}.")
+    elif doubtful(document):
+        rows.append("The model explains the records, BUT THE RESULT CAN NOT BE RIGHT: see the report.")
+    else:
+        rows.append("The model explains the records.")
     return rows
+
+
+def _within(value: float, std: float | None) -> str:
+    return within(value, std).replace("−", "-")
+
+
+def _short(value: float, digits: int = 6) -> str:
+    return number(value, digits).replace("−", "-")
 
 
 def _share(value: float | None) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ident.identify import UNSEEN_POSTURES, Identification
+from ident.verdict import within
 
 
 def comparison(identifications: Sequence[Identification]) -> list[dict[str, Any]]:
@@ -46,7 +47,8 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     lines = [f"{'record':<7}{'entry':<6}{first['method']:>12}{'sigma':>10}{head}"]
     for record, value in first["J"].items():
         others = "".join(f"{100 * (row['J'][record] / value - 1):>+14.3f}" for row in rows[1:])
-        lines.append(f"{record:<7}{first['entry'][record]:<6}{value:>12.5f}{first['std'][record]:>10.2g}{others}")
+        told = within(value, first["std"][record]).replace("−", "-")
+        lines.append(f"{record:<7}{first['entry'][record]:<6}{told:>12}{first['std'][record]:>10.2g}{others}")
     lines.append("")
 
     def line(name: str, values: Sequence[str]) -> str:

@@ -30,6 +30,10 @@ NOISE_DISTANCE = 3.0
 FIRST = "Remove the causes above first: one biased record is enough for this."
 #: Lines of one kind that are listed; the notes have all.
 LISTED = 6
+#: Where what is missing is looked for.
+NEXT = "ident diagnose CAMPAIGN.h5 -o DIR"
+#: Significant digits of a number, at most, however well it is known.
+MOST_DIGITS = 9
 #: Motion of a held motor relative to the excited one, both joint side, that is worth telling.
 VISIBLE_MOTION = 0.01
 
@@ -87,13 +91,14 @@ def _untold(m: Measurement, r: Identification) -> Problem:
 
 
 def _coupled_unexplained(fit: CoupledFit) -> Problem:
+    chi2, limit = number(fit.chi2_per_dof), number(fit.chi2_limit)
+    others = [line for line in fit.status if "chi2/dof" not in line]
     return Problem(
         True,
         "The arm as modelled does not explain the records",
-        f"χ²/dof over all records and motors is {number(fit.chi2_per_dof)}, noise allows {number(fit.chi2_limit)}. "
-        + " ".join(fit.status),
+        "; ".join((f"χ²/dof over all records and motors is {chi2}, noise allows {limit}", *others)) + ".",
         "Something is missing that rigid links, joint springs, viscous damping and gravity do not hold: friction, backlash, a "
-        "soft base, a delay. The residual below the plots shows where in frequency.",
+        f"soft base, a delay. Find it by: {NEXT}. The misfit below the responses shows where in frequency.",
     )
 
 
@@ -125,7 +130,7 @@ def _contradiction(r: Identification, follows: bool) -> Problem:
 
 def _impossible_bodies(found: Consistency, follows: bool) -> Problem:
     serious = found.distance > NOISE_DISTANCE
-    nearest = f"The nearest constants that bodies can have are {number(found.distance, 2)} standard deviations away."
+    nearest = f"The nearest constants that bodies can have are {number(found.distance, 2)} standard deviations away"
     cause = "Some record carries a bias, or the URDF's geometry is wrong."
     if not serious:
         cause = "Noise explains that: measure more, or use them as they are."
@@ -134,7 +139,7 @@ def _impossible_bodies(found: Consistency, follows: bool) -> Problem:
     return Problem(
         serious,
         "No rigid bodies have these constants",
-        " ".join((nearest, *found.status)),
+        "; ".join((nearest, *found.status)) + ".",
         "The matrix of the estimate may lose positive definiteness, so J.casadi, identified.urdf and the other files of the "
         f"robot hold the nearest ones. {cause}",
     )
@@ -153,7 +158,7 @@ def _unexplained(r: Identification, joint: str, own: list[Measurement]) -> Probl
     ]
     if len(modes) > 1 and two:
         reasons.append(
-            "However well the other motors are held, their springs give: the declared K and J(q) put the "
+            "However well the other motors are held, their springs give: K and the declared J(q) put the "
             f"anti-resonances that this motor sees at {_and(modes)} Hz, and two masses have only one."
         )
     if others > VISIBLE_MOTION and two:
@@ -163,9 +168,9 @@ def _unexplained(r: Identification, joint: str, own: list[Measurement]) -> Probl
             f"Lines that were not excited answer above the noise ({', '.join(bent)}): it is not quite linear."
         )
     remedy = (
-        "A stiffer lock is not enough. Fit all joints together, or hold the other joints on their link side."
+        "A stiffer lock is not enough. Fit all joints together (--method coupled), or hold the others on their link side."
         if two and (len(modes) > 1 or others > VISIBLE_MOTION)
-        else "Look at the misfit below the response: where it is large tells what is missing."
+        else f"Look at the misfit below the response: where it is large tells what is missing. Find it by: {NEXT}."
     )
     trust = "is not to be trusted" if miss > GROSS_MISFIT else "is further off than noise explains"
     what = f"{'Two masses' if two else 'The modes found'} do not explain {joint} in {len(poor)} of {len(own)} records: {name} {trust}"
@@ -238,6 +243,19 @@ def number(value: float | None, digits: int = 3) -> str:
     return re.sub(r"e([+-])0*(\d+)", lambda e: "e" + e[1].strip("+") + e[2], text).replace("-", "−")
 
 
+def within(value: float | None, std: float | None) -> str:
+    """The value to the second digit of its standard deviation, with an exponent where zeros would take over; to six without one."""
+    if value is None or std is None or not np.isfinite(value) or not np.isfinite(std) or std <= 0.0:
+        return number(value, 6)
+    first = int(np.floor(np.log10(max(abs(value), std))))
+    last = max(int(np.floor(np.log10(std))) - 1, first - MOST_DIGITS + 1)
+    if -3 <= first < 6:
+        text, power = f"{round(value, -last) + 0.0:.{max(-last, 0)}f}", ""
+    else:
+        text, power = f"{round(value / 10.0**first, first - last) + 0.0:.{max(first - last, 0)}f}", f"e{first}"
+    return (text + power if float(text) else "0").replace("-", "−")
+
+
 def not_identifiable(identification: Identification) -> list[dict[str, str]]:
     """Returns {what, why, remedy} for everything these records do not tell: constants, readings, off-diagonals."""
     r = identification
@@ -255,16 +273,8 @@ def not_identifiable(identification: Identification) -> list[dict[str, str]]:
             "no combination of these records determines it; CAD's along what none shows",
             "measure more postures: symgen plans them",
         )
-    for m in r.measurements:
-        (name, reason, remedy), where = _band(m), f"of {m.record.excited}, record {m.record.id}"
-        if m.std > UNTOLD * abs(m.J):
-            ratio = f"J/(N² J_m) is {number(m.two_mass.inertia_ratio, 2)}" if m.two_mass else ""
-            why = "; ".join(filter(None, (_told(m.J, m.std), ratio, reason)))
-            add(f"J_l {where}", why, remedy or "excite more, record more periods, or measure K elsewhere")
-        elif reason:
-            share = number(100 * m.std / abs(m.J), 2)
-            why = f"{reason}; the shape of the response inside it tells J_l to {share} % by noise alone"
-            add(f"{name} {where}, directly", why, remedy)
+    for row in filter(None, map(_reading, r.measurements)):
+        add(*row)
     *poor, direction = thin(certainty(r.model, r.covariance, r.unseen)) or ("",)
     for line in poor:
         what, why = line.split(" hardly known: ")
@@ -284,6 +294,20 @@ def not_identifiable(identification: Identification) -> list[dict[str, str]]:
             f"measure the cross response {i + 1} -> {j + 1} at {len(members)} postures",
         )
     return found
+
+
+def _reading(m: Measurement) -> tuple[str, str, str] | None:
+    """What a record does not tell of J_ii, or not directly; None where it does."""
+    (name, reason, remedy), where = _band(m), f"of {m.record.excited}, record {m.record.id}"
+    if m.std > UNTOLD * abs(m.J):
+        ratio = f"J/(N² J_m) is {number(m.inertia_ratio, 2)}"
+        why = "; ".join(filter(None, (_told(m.J, m.std), ratio, reason)))
+        return f"J_l {where}", why, remedy or "excite more, record more periods, or measure K elsewhere"
+    if reason:
+        share = number(100 * m.std / abs(m.J), 2)
+        why = f"{reason}; the shape of the response inside it tells J_l to {share} % by noise alone"
+        return f"{name} {where}, directly", why, remedy
+    return None
 
 
 def _told(value: float, std: float) -> str:

@@ -18,14 +18,17 @@ MODEL_ACCURACY = 1e-8
 SMOOTHED, NOISE_PASSES = 15, 3
 #: Share of the largest torque noise from which a smaller one is looked for, and steps to the likeliest powers.
 SMALL, STEPS = 1e-3, 5
+#: Power of the samples at a line, over what all lines make of it, from which on it stands out, and from twice which it is the line's own:
+#: chance does that once in 100 000 lines.
+STANDS_OUT = 3.5
 #: Lines over which an angle is averaged that a doubt is relative to: a line that was not excited has none of its own.
 NEIGHBOURS = 7
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What is known of the noise of m joints at L lines: `samples` [R, L, 2 m] of (tau, theta), the quantisation `floor` [m,
-    rad^2] of a line of theta."""
+    """What is known of the noise of m joints at L lines: `samples` [R, L, 2 m] of (tau, theta), the quantisation `floor` [L, m,
+    rad^2] of theta, or one of all lines [m]."""
 
     samples: Complex
     floor: Array
@@ -51,7 +54,8 @@ def noise_powers(
     """Returns the powers that explain the samples between the lines.
 
     Two of each joint, constant over the band, weighted by their own prediction (maximum likelihood, P. Whittle); those of
-    the angles not below quantisation nor what `theta` [L, m] is computed to.
+    the angles not below quantisation nor what `theta` [L, m] is computed to, and larger at lines whose samples stand out: what rings
+    for many periods leaks at its own line only.
     """
     m, L = len(arm.live), len(sampling.f)
     G = response(arm, p, sampling, extra)
@@ -68,7 +72,11 @@ def noise_powers(
         powers = nnls(X / size, (power * weight).ravel())[0] / size
         predicted = rows @ powers
     torque, angle = _likeliest(G, error, powers[:m], powers[m:], least)
-    return Powers(torque, least + angle, G)
+    found = Powers(torque, least + angle, G)
+    expected = found.angle + np.einsum("lii->li", found.of_model()).real
+    ratio = power / expected
+    own = np.clip(ratio / STANDS_OUT - 1.0, 0.0, 1.0) * (ratio - 1.0) * expected
+    return Powers(torque, found.angle + own, G)
 
 
 def _likeliest(G: Complex, error: Complex, torque: Array, angle: Array, least: Array) -> tuple[Array, Array]:

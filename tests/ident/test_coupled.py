@@ -60,12 +60,13 @@ def parameters_of(arm: Arm) -> Parameters:
     return Parameters(arm.K, arm.J_m, arm.D, arm.D_spring, arm.J[entries], arm.K_g[entries])
 
 
-def measured(model: Model, rng: np.random.Generator, *, noise: float, step: float, K_2: float = 1.0) -> Campaign:
-    """A campaign of both motors at both postures, both held softly by feedback; joint 2 stiffer by `K_2` when it is excited."""
+def measured(model: Model, rng: np.random.Generator, *, noise: float, step: float, K_2: float = 1.0, damped: float = 1.0) -> Campaign:
+    """A campaign of both motors at both postures, both held softly by feedback; joint 2 stiffer by `K_2` when it is excited, motors
+    `damped` by this share of what they usually are."""
     records = []
     for k, (q, excited) in enumerate([(q, i) for q in POSTURES for i in range(2)]):
         arm = linear_arm(model, q)
-        arm = replace(arm, K=arm.K * np.array([1.0, K_2 if excited else 1.0]))
+        arm = replace(arm, K=arm.K * np.array([1.0, K_2 if excited else 1.0]), D=damped * arm.D)
         made = record(arm, excited, lines=LINES, f0=0.5, periods=4 if step else 9, noise=noise, step=step, posture=np.array(q),
                       gains=np.array([[0.4, 4e-3], [0.2, 2e-3]]), rng=rng, id=f"r{k}")  # fmt: skip
         records.append(made)
@@ -190,6 +191,16 @@ def test_noise_gives_honest_deviations(model: Model, draws: int) -> None:
     spread = np.sqrt(np.mean(np.square(z), axis=0))  # 80 other draws gave 0.97, 1.06, 1.14
     low, high = np.sqrt(chi2.ppf([1e-4, 1 - 1e-4], draws) / draws)
     assert np.all((spread > low) & (spread < high)), spread
+
+
+def test_a_damping_that_went_to_zero_has_the_deviation_of_what_is_felt(model: Model) -> None:
+    """Of its logarithm nothing is felt: it was told as 1e-35 with a deviation of 1e-33."""
+    data = measured(model, np.random.default_rng(4), noise=0.05, step=ENCODER, damped=1e-3)
+    found, true = fitted(model, data), 1e-3 * linear_arm(model, POSTURES[0]).D
+    usual = fitted(model, measured(model, np.random.default_rng(4), noise=0.05, step=ENCODER)).drive_std[2]
+    assert found.D.min() < 1e-2 * true.max()  # one did
+    assert np.all(np.abs(found.D - true) < 5 * found.drive_std[2])
+    assert np.all((0.3 * usual < found.drive_std[2]) & (found.drive_std[2] < 3 * usual))
 
 
 def test_a_stiffness_that_changes_is_not_explained(model: Model) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from synthetic import FS, Arm, record
 
-from ident import figures, report, result_page, verdict
+from ident import figures, report, result_page, side_by_side, verdict
 from ident.campaign import Campaign
 from ident.errors import IdentError
 from ident.identify import identify
@@ -31,7 +31,7 @@ CELLS = [
 SOFT, LOCK = [0.002, 0.001], [0.02, 0.004]
 PROMISED = {
     "joints", "alpha", "K", "J_m", "D", "chi2_per_dof", "explained", "not_identifiable", "physically_consistent",
-    "method", "records", "seconds", "notes", "inertia_vs_cad", "validation",
+    "method", "records", "seconds", "notes", "inertia_vs_cad", "validation", "D_spring",
 }  # fmt: skip
 RECORD = {
     "excited", "posture", "J_l", "std", "J_cad", "two_mass", "three_point", "chi2_per_dof", "explained", "f_AR", "f_R",
@@ -40,14 +40,16 @@ RECORD = {
 HOSTILE = r"""<script>alert("1")</script>'&$x_2$ \1 {{ 7 }} é中"""
 
 
-def measure(cells, *, rigid=True, seed=0, extra=None, lines=None):
-    """A campaign of the paper's arm without gravity. `rigid` locks the other links; else only their motors are held."""
+def measure(cells, *, rigid=True, seed=0, extra=None, lines=None, D_spring=None):
+    """A campaign of the paper's arm without gravity. `rigid` locks the other links; else only their motors are held. Springs are damped
+    by 1 % of critical, posture by posture, or by `D_spring`."""
     model, rng = model_of_urdf(URDF, JOINTS, believe_zeros=True), np.random.default_rng(seed)
     records = []
     for k, (i, q) in enumerate(cells):
         J = model.J_cad(np.array(q, float))
         links = np.diag(np.diag(J)) if rigid else J
-        arm = Arm(links, K, J_M, 0.75 * J_M, 0.02 * np.sqrt(K * np.diag(J)), np.zeros((3, 3)), np.full(3, 100.0))
+        damping = 0.02 * np.sqrt(K * np.diag(J)) if D_spring is None else D_spring
+        arm = Arm(links, K, J_M, 0.75 * J_M, damping, np.zeros((3, 3)), np.full(3, 100.0))
         gains = [SOFT if j == i else LOCK for j in range(3)]
         records.append(
             record(
@@ -65,6 +67,22 @@ def good():
 @pytest.fixture(scope="module")
 def bad():
     return identify(measure(CELLS, rigid=False), method="two-mass")
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """Records that two masses do not explain, all motors in one fit."""
+    return identify(measure(CELLS, rigid=False, D_spring=np.array([1.2, 1.1, 0.3])))
+
+
+def unexplained(result):
+    """The same, were its fit far off."""
+    coupled = replace(result.coupled, explained=False, converged=False, chi2_per_dof=8240.0, chi2_limit=1.28, status=(
+        "the coupled fit did not converge", "the elastic arm does not explain its records: chi2/dof 8.24e+03, limit 1.28",
+        "motor: D hardly known",
+    ))  # fmt: skip
+    poor = tuple(replace(m, explained=False) for m in result.measurements)
+    return replace(result, coupled=coupled, measurements=poor, explained=False, chi2_per_dof=8240.0)
 
 
 @pytest.fixture(scope="module")
@@ -233,9 +251,7 @@ def test_a_record_too_short_for_two_masses_does_without_them():
     document = report.result_document(result)
     assert json.loads(json.dumps(document, allow_nan=False)) == document
     one = document["records"]["0001"]
-    assert RECORD <= one.keys() and one["two_mass"] is None and one["f_AR"] is None and one["J_l"] > 0
-    silent = replace(few, J_m=np.full(3, np.nan))  # nothing tells the declared drive
-    assert np.isnan(figures.response(result.measurements[0], silent).declared).all()
+    assert RECORD <= one.keys() and one["two_mass"] is None and one["J_l"] > 0
     unsure = replace(result.measurements[0], std=0.6 * result.measurements[0].J)
     told = replace(result, measurements=(unsure, *result.measurements[1:]))
     assert "J_l of joint3, record 0001" in [entry["what"] for entry in verdict.not_identifiable(told)]
@@ -321,7 +337,8 @@ def test_the_drawn_dots_are_the_measured_response(good):
     assert r.measured == pytest.approx((2j * np.pi * m.frf.frequencies * m.frf.G)[m.frf.usable])
     # whitened residuals of a fit that explains its data have mean square chi2/dof (6 parameters of 2 L numbers)
     L = len(r.f)
-    assert np.mean(r.residual**2) == pytest.approx(m.two_mass.chi2_per_dof * m.two_mass.dof / (2 * L), rel=1e-9)
+    assert np.array_equal(r.misfit.f, r.f) and r.misfit.limit == pytest.approx(np.sqrt(np.log(1000.0)))
+    assert np.mean(r.misfit.size**2) == pytest.approx(m.two_mass.chi2_per_dof * m.two_mass.dof / (2 * L), rel=1e-9)
     dots = re.compile(r'd="((?:M[\d.]+ [\d.]+h0)+)"[^>]*stroke: var\(--data\)')
     curve = dots.search(figures.frf_figure(m, good.campaign))[1]
     x, y = np.array([pair.split() for pair in re.findall(r"M([\d. ]+)h0", curve)], float).T
@@ -330,6 +347,109 @@ def test_the_drawn_dots_are_the_measured_response(good):
     for position, value in ((x, np.log(r.f)), (y, np.log(np.abs(r.measured)))):
         fit = np.polyval(np.polyfit(value, position, 1), value)
         assert np.abs(fit - position).max() < 0.011
+
+
+def test_what_a_fit_of_all_motors_leaves_is_in_units_of_the_noise_that_it_weighs_by(whole):
+    """The held motors' torques are measured, and their noise is in what the model says of the excited one, too."""
+    assert whole.explained
+    size = np.concatenate([m.misfit.size / m.misfit.limit for m in whole.measurements])
+    assert np.mean(size > 1.0) < 0.01  # 0.001 of noise alone
+    numbers = np.array([m.misfit.size.size * m.misfit.motors for m in whole.measurements])
+    chi2 = np.array([m.chi2_per_dof for m in whole.measurements])
+    # the noise powers are made anew at the end of the fit, which was there to a tenth of a standard deviation
+    assert numbers @ chi2 / numbers.sum() == pytest.approx(whole.chi2_per_dof, rel=1e-4)
+    m = whole.measurements[0]
+    assert m.misfit.motors == 3 and chi2[0] == pytest.approx(np.mean(m.misfit.size**2), rel=0.02)
+    assert "chi2/dof: of all motors that move in a record; of all records" in result_page.page(
+        whole, report.result_document(whole)
+    )
+
+
+def test_the_curve_of_a_right_cad_is_that_of_the_arm_where_all_motors_are_fitted(whole, bad):
+    for m in whole.measurements:
+        r = figures.response(m, whole.campaign)
+        clear = np.abs(r.measured) > 100 * r.noise
+        assert r.means == "datasheet and CAD"
+        assert np.median(np.abs(r.declared / r.measured - 1)[clear]) < 0.01
+    apart = figures.response(bad.measurements[0], bad.campaign)
+    assert apart.means == "datasheet and CAD, other joints rigid"
+    assert "datasheet and CAD, other joints rigid" in figures.frf_figure(bad.measurements[0], bad.campaign)
+
+
+def test_a_record_s_pair_is_that_of_the_method_reported(whole, good):
+    for result in (whole, good):
+        document = report.result_document(result)
+        for m in result.measurements:
+            told, i = document["records"][m.record.id], m.index
+            own_K, own_J_m = document["K"]["value"][i], document["J_m"]["value"][i]
+            assert told["f_AR"] == pytest.approx(np.sqrt(own_K / m.J) / (2 * np.pi))
+            assert told["inertia_ratio"] == pytest.approx(m.J / (100.0**2 * own_J_m))
+            assert told["f_R"] == pytest.approx(told["f_AR"] * np.sqrt(1 + told["inertia_ratio"]))
+            assert told["band_ratio"] == pytest.approx(told["f_AR"] / m.frf.frequencies[-1])
+    no_mass = replace(whole.measurements[0], J=-1e-3)
+    entry = report.result_document(replace(whole, measurements=(no_mass,)))["records"]["0001"]
+    assert entry["f_AR"] is None and entry["f_R"] is None and entry["band_ratio"] is None
+
+
+def test_a_fit_of_all_motors_that_fails_says_so_and_what_comes_next(whole):
+    result = unexplained(whole)
+    document = report.result_document(result)
+    (problem,) = verdict.problems(result)
+    assert problem.why == (
+        "χ²/dof over all records and motors is 8240, noise allows 1.28; the coupled fit did not converge; motor: D hardly known."
+    )
+    assert "ident diagnose CAMPAIGN.h5 -o DIR" in problem.remedy
+    assert "ident diagnose CAMPAIGN.h5 -o DIR" in result_page.page(result, document)
+    text = Page(report.html(result)).text
+    assert "widened by the misfit" not in text and "noise alone: where the model is wrong it is too small" in text
+    cards = {fact["label"]: fact for fact in report._facts(result, document)}
+    assert cards["records explained"]["ok"] is False
+    assert (
+        cards["constants determined"]["ok"] is None and "were the model right" in cards["constants determined"]["note"]
+    )
+    assert "are checked by no other" not in text
+
+
+def test_a_result_that_can_not_be_right_is_not_said_to_explain_nothing(good):
+    impossible = replace(good, consistency=replace(good.consistency, ok=False, distance=7.0))
+    text = result_page.page(impossible, report.result_document(impossible))
+    assert "NOT EXPLAIN" not in text and "BUT THE RESULT CAN NOT BE RIGHT" in text
+
+
+def test_constants_are_counted_as_the_table_has_them(whole):
+    """Of general links 13, of which J_ii shows 9; all of them count where all motors are fitted."""
+    general = identify(whole.campaign, believe_zeros=False)
+    page = report.html(general)
+    text = " ".join(Page(page).text.split())
+    assert f"{len(general.model.names)} constants, {general.model.d} of which show in some Jii" in text
+    assert f"{np.isfinite(general.alpha_std).sum()} of {len(general.model.names)}" in text
+    assert "symgen --no-believe-zeros" in text and "symgen --believe-zeros" in Page(report.html(whole)).text
+    apart = identify(whole.campaign, method="modal", believe_zeros=False)
+    (card,) = (f for f in report._facts(apart, report.result_document(apart)) if f["label"] == "constants determined")
+    more = len(apart.model.names) - apart.model.d
+    assert (
+        card["value"].endswith(f" of {apart.model.d}") and f"{more} more, which no Jᵢᵢ shows, are CAD’s" in card["note"]
+    )
+
+
+def test_methods_side_by_side_stand_in_report_and_result(whole, bad, tmp_path):
+    document = report.result_document(whole) | {"methods": side_by_side.comparison([whole, bad])}
+    result, page = report.write(whole, tmp_path, document)
+    assert [row["method"] for row in json.loads(result.read_text())["methods"]] == ["coupled", "two-mass"]
+    text = " ".join(Page(page.read_text()).text.split())
+    assert "Methods side by side" in text and "the rest of this page is of coupled" in text
+    assert "Methods side by side" not in Page(report.html(whole)).text
+    off = 100 * (bad.measurements[0].J / whole.measurements[0].J - 1)
+    assert f"{off:.1f}".replace("-", "−") in text
+
+
+def test_every_number_of_a_drive_stands_beside_its_datasheet(whole):
+    known = replace(whole, campaign=replace(whole.campaign, D=0.75 * J_M, D_spring=np.full(3, 0.1234)))
+    text = Page(report.html(known)).text
+    assert "Dspring" in text and text.count("0.1234") == 3
+    value, std = whole.drives[0].D_spring.value, whole.drives[0].D_spring.std
+    assert verdict.within(value, std) in text
+    assert report.result_document(whole)["D_spring"]["value"][0] == value
 
 
 def test_hostile_names_stay_text(good):
@@ -391,6 +511,17 @@ def test_the_summary_is_one_svg_with_every_record(good, tmp_path):
     assert path.read_text() == text
     with pytest.raises(IdentError, match="cannot be written"):
         report.summary_plot(good, path / "inside.svg")
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [(1.74338e-6, 4.7e-7, "1.74e−6"), (-3.65725e-7, 1e-6, "−0.4e−6"), (-4.21097e-6, 8.3e-6, "−4.2e−6"), (1e-9, 1e-6, "0"),
+     (4.00004e-5, 6e-10, "4.000040e−5"), (0.0465972, 2.2e-6, "0.0465972"), (5500.013, 0.13, "5500.01"), (5512.0, 230.0, "5510"),
+     (1234567.0, 2300.0, "1.2346e6"), (2.0, 1e-15, "2.00000000"), (0.1234567, None, "0.123457"), (0.1234567, 0.0, "0.123457"),
+     (None, 1.0, "–"), (-1e-9, 0.1, "0"), (0.3, np.inf, "0.3")],
+)  # fmt: skip
+def test_a_standard_deviation_sets_the_digits(value, std, text):
+    assert verdict.within(value, std) == text
 
 
 @pytest.mark.parametrize(

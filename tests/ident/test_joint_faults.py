@@ -1,0 +1,65 @@
+"""Soft springs are no fault of a joint; a gear that turns the other way round is told where no angle at rest tells of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from two_joints import two_joints
+
+from ident.bench import simulate
+from ident.campaign import Campaign
+from ident.faults import FLAG, REFUSE, Fault, faults
+from symgen.plan import model_of_urdf
+
+EXPERIMENT = "line_spacing_Hz = 1.0\nband_Hz = [1.0, 60.0]\nperiods = 3"
+POSTURES = ([0.0, 0.2], [0.0, -1.3], [0.0, 1.1], [0.0, -0.4])
+
+
+def found(campaign: Campaign) -> tuple[Fault, ...]:
+    return faults(campaign, model_of_urdf(campaign.urdf, campaign.joints))
+
+
+@pytest.fixture(scope="module")
+def soft(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """Of an arm whose second spring gives by 73 mrad under gravity."""
+    folder: Path = tmp_path_factory.mktemp("soft")
+    drives = [{"K_Nm_per_rad": K, "D_spring_Nms_per_rad": K / 1000} for K in (100.0, 30.0)]
+    robot = two_joints(folder, EXPERIMENT, *drives)
+    chain = model_of_urdf((folder / "r.urdf").read_text(), ("j1", "j2")).chain
+    cells = [("j2", np.array(POSTURES[0])), *[("j1", np.array(q)) for q in POSTURES]]
+    return simulate(chain, robot, cells, seed=0, workers=1)
+
+
+def with_theta(campaign: Campaign, j: int, factor: float) -> Campaign:
+    scale = np.where(np.arange(campaign.n) == j, factor, 1.0)
+    return replace(campaign, records=tuple(replace(r, theta=r.theta * scale) for r in campaign.records))
+
+
+def test_a_spring_that_gives_is_no_fault(soft: Campaign) -> None:
+    bent = [r.tau[:, 1].mean() * soft.N[1] / soft.K[1] for r in soft.records]
+    assert np.abs(bent).max() > 0.06
+    assert found(soft) == ()
+
+
+def test_faults_of_a_soft_joint_keep_their_names(soft: Campaign) -> None:
+    (sign,) = found(with_theta(soft, 1, -1.0))
+    assert (sign.name, sign.joint, sign.severity) == ("wrong sign", "j2", REFUSE)
+    (degrees,) = found(with_theta(soft, 1, 180 / np.pi))
+    assert (degrees.name, degrees.joint) == ("degrees for radians", "j2")
+
+
+def test_a_wrong_unit_of_torque_makes_nothing_worse_at_rest(soft: Campaign) -> None:
+    """In mN m it is 70 rad by which the spring would give."""
+    bent = [soft.N * [0.0, r.tau[:, 1].mean() * soft.N[1] / soft.K[1]] for r in soft.records]
+    records = [replace(r, tau=r.tau * [1.0, 1e3], theta=r.theta - x) for r, x in zip(soft.records, bent, strict=True)]
+    (unit,) = found(replace(soft, records=tuple(records)))
+    assert (unit.name, unit.joint) == ("wrong unit", "j2") and "mN m" in unit.line
+
+
+def test_a_gear_that_reverses_is_told_of_a_joint_that_rested_at_zero(soft: Campaign) -> None:
+    (fault,) = found(replace(soft, N=soft.N * [-1.0, 1.0]))
+    assert (fault.name, fault.joint, fault.severity) == ("doubtful gear ratio", "j1", FLAG)
+    assert "declare N = 100" in fault.line
