@@ -23,6 +23,8 @@ from ident.evidence import Evidence, evidence, gravity_basis, scenes_of
 from ident.fit import UNTOLD, chi2_limit, two_mass
 from ident.frf import Complex, Frf
 from ident.parts import degrees
+from ident.quantisation import HIDDEN_STEPS
+from ident.resting import rested
 from ident.solve import RANK_TOLERANCE
 from ident.start import START_DAMPING
 from symgen.plan import Model
@@ -44,6 +46,8 @@ SOFTER = (0.6, 0.35)
 NOISE_MODEL = 0.05
 #: The way from the start is gone with about this many lines a record: a hundredth of a resonance is not needed to find it.
 FEW_LINES = 100
+#: Times that records are read anew at the postures where K tells that they rest, and how far chi^2 must fall for that.
+PLACES, LEAST = 2, 1.0
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ class CoupledFit:
     it. K [N m/rad, joint side], J_m [kg m2], D [N m s/rad] motor side, D_spring [N m s/rad, joint side], each [n], with
     `drive_std` [4, n] in the order of `DRIVES`. `gravity` [r, kg m] the orthonormal combinations of first moments on
     which the gravity stiffness depends (`gravity_basis`). `chi2_per_dof` over `dof` degrees of freedom is `explained`
-    when below `chi2_limit`. `predictions`: see `predict`.
+    when below `chi2_limit`. `predictions`: see `predict`. `postures` [R][n]: where the records rest, as they were read.
     """
 
     alpha: Array
@@ -74,6 +78,7 @@ class CoupledFit:
     converged: bool
     status: tuple[str, ...]
     predictions: tuple[Complex, ...]
+    postures: tuple[Array, ...]
 
     def predict(self, record_index: int) -> Complex:
         """The model's motor angles of all joints [L, n, rad] at the lines of that record, for its measured torques."""
@@ -97,9 +102,7 @@ def fit_coupled(
     if not responses:
         raise IdentError("no records to fit; expected at least one")
     basis = gravity_basis(model, campaign.gravity)
-    odd = all(np.all(record.lines % 2) for record in campaign.records)  # terms of second order act at even lines only
-    lines = "usable" if odd else "every"
-    data = tuple(_evidence(campaign, model, basis, frf, k, lines) for k, frf in enumerate(responses))
+    data = evidence_of(campaign, model, basis, responses)
     rough = tuple(map(_thinned, data))
     best: tuple[Problem, Minimum] | None = None
     for guess in _starts(campaign, model, responses, basis, start):
@@ -113,15 +116,23 @@ def fit_coupled(
     problem, found = replace(best[0], data=data), minimise(best[0], best[1].vector)
     if any(few is not one for few, one in zip(rough, data, strict=True)):
         found = minimise(problem, found.vector)
+    for _ in range(PLACES):
+        there = rested(campaign, responses, problem.parameters(found.vector).K)
+        if there is None:
+            break
+        moved = replace(problem, data=evidence_of(campaign, model, basis, there))
+        other = minimise(moved, found.vector)
+        if other.chi2 >= found.chi2 - LEAST:
+            break
+        problem, found, responses = moved, other, there
     return _result(campaign, model, responses, problem, found)
 
 
-def _evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: int, lines: str) -> Evidence:
-    """Record `index` at its `lines`, each with its own quantisation floor."""
-    one = evidence(campaign, model, basis, frf, index, lines)
-    assert frf.band is not None
-    floor = frf.band.floor[np.isin(frf.band.lines, one.scene.lines)][:, one.scene.arm.live]
-    return replace(one, noise=replace(one.noise, floor=floor))
+def evidence_of(campaign: Campaign, model: Model, basis: Array, responses: Sequence[Frf]) -> tuple[Evidence, ...]:
+    """Returns the records at the lines that are fitted: every one where even ones are excited, as terms of second order act there."""
+    odd = all(np.all(record.lines % 2) for record in campaign.records)
+    lines = "usable" if odd else "every"
+    return tuple(evidence(campaign, model, basis, frf, k, lines) for k, frf in enumerate(responses))
 
 
 def _approach(problem: Problem, vector: Array) -> Minimum:
@@ -252,8 +263,29 @@ def _result(campaign: Campaign, model: Model, responses: Sequence[Frf], problem:
         alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring,
         _drive_std(problem, found, np.concatenate([plain.D, plain.D_spring])), p.gravity,
         chi2, dof, limit, chi2 <= limit, found.converged, (), _predictions(problem, found.vector, shown, responses),
+        tuple(frf.posture for frf in responses),
     )  # fmt: skip
-    return replace(fit, status=_status(fit, absent, campaign, model))
+    coarse = _coarse(campaign, model, responses, fit)
+    return replace(fit, status=(*_status(fit, absent, campaign, model), *coarse))
+
+
+def _coarse(campaign: Campaign, model: Model, responses: Sequence[Frf], fit: CoupledFit) -> Iterator[str]:
+    """A line for every joint whose encoder tells so little of where it was held that J(q) there may be off by more than its deviation."""
+    for j, name in enumerate(campaign.joints):
+        most, error = 0.0, 0.0
+        for record, frf in zip(campaign.records, responses, strict=True):
+            if frf.index == j or np.ptp(record.theta[:, j]) >= (HIDDEN_STEPS + 0.5) * frf.step[j]:
+                continue
+            away = frf.step[j] / np.sqrt(12.0) / abs(campaign.N[j])
+            rows = model.J_rows(frf.posture + away * np.array([[-1.0], [0.0], [1.0]]) * np.eye(campaign.n)[j])
+            std = np.sqrt(np.einsum("ija,ab,ijb->ij", rows[1], fit.covariance, rows[1])) + np.finfo(float).tiny
+            times = float((np.abs((rows[2] - rows[0]) @ fit.alpha) / 2.0 / std).max())
+            most, error = (times, away) if times > most else (most, error)
+        if most > 1.0:
+            yield (
+                f"{name}: held within {HIDDEN_STEPS} counts of its encoder, which tells its angle to {error:.2g} only: J(q) read there may be "
+                f"off by {most:.2g} standard deviations more"
+            )
 
 
 def _absent(problem: Problem) -> Array:

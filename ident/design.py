@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, log
+from itertools import product
+from math import ceil, inf, log
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,8 @@ from scipy.linalg import eigh
 from ident.dob import (
     HOLD_REMEDY,
     LOCK_REMEDY,
+    SAGS,
+    SLIDES,
     ClosedLoop,
     Margins,
     Servo,
@@ -119,7 +122,7 @@ def prepare(
     free = i if lock == "rigid" else None
     plant = build_plant(chain, [robot.drive(name) for name in chain.names], robot.gravity, q, free=free)
     linear = linearise(plant)
-    loop, servos, found, softened = _locked(plant, linear, robot, i, where)
+    loop, servos, found, softened = _locked(plant, linear, robot, i, SLIDES if chain.slides(i) else SAGS, where)
     port = plant.live.index(i)
     f_AR, f_R = _own_pair(linear, plant, port)
     band, knee, unseen = _band(robot, where, f_AR, f_R)
@@ -197,17 +200,18 @@ def _checked_posture(chain: Chain, joint: str, posture: ArrayLike) -> Array:
 
 
 def _locked(
-    plant: Plant, linear: Linear, robot: Robot, excited: int, where: str
+    plant: Plant, linear: Linear, robot: Robot, excited: int, sags: float, where: str
 ) -> tuple[ClosedLoop, tuple[Servo, ...], Margins, str]:
-    """The declared plant under a soft hold of the excited joint and the stiffest lock of the others that is safe.
+    """The declared plant under a soft hold of the excited joint, which `sags` as far at most if that is safe, and the stiffest lock of
+    the others that is.
 
     ExperimentError where none is; the note says what was softened.
     """
     e, several = robot.experiment, len(plant.live) > 1
     first, steady = "", []
-    for share, observed in SOFTER if several else SOFTER[:1]:
+    for sinks, (share, observed) in product((sags, inf), SOFTER if several else SOFTER[:1]):
         try:
-            servos = _servos(plant, linear, excited, share * e.lock_pd, e.lock_dob if observed else 0.0)
+            servos = _servos(plant, linear, excited, sinks, share * e.lock_pd, e.lock_dob if observed else 0.0)
         except ExperimentError as error:
             raise ExperimentError(f"{where}: {error}") from None
         loop = close_loop(*linear.sampled(1 / e.fs), servos, 1 / e.fs)
@@ -215,13 +219,14 @@ def _locked(
         lacking = _lacking(found, e.fs)
         if found is not None and found.distance >= DISTANCE:
             lock = f"PD {share * e.lock_pd:.3g} Hz, {f'observer of {e.lock_dob:g} Hz' if observed else 'no observer'}"
-            steady.append((loop, servos, found, f"lock softened to {lock}: {first}" if first else ""))
+            softer = f"hold softened, lock {lock}: {first}" if sinks > sags else f"lock softened to {lock}: {first}"
+            steady.append((loop, servos, found, softer if first else ""))
             if not lacking:
                 return steady[-1]
         first = first or f"as declared it {lacking}"
     if steady:  # so slow a sampling that none bears a late torque
         loop, servos, found, note = max(steady, key=lambda one: one[2].delay)
-        late = f"the {'softest lock' if several else 'hold'} {_lacking(found, e.fs)}: raise the sampling rate"
+        late = f"the {'best lock' if several else 'hold'} {_lacking(found, e.fs)}: raise the sampling rate"
         return loop, servos, found, "; ".join(filter(None, (note, late)))
     check_stable(loop, where, held=several)
     if several:
@@ -240,14 +245,15 @@ def _lacking(found: Margins | None, fs: float) -> str:
     return ""
 
 
-def _servos(plant: Plant, linear: Linear, excited: int, f_pd: float, f_dob: float) -> tuple[Servo, ...]:
+def _servos(plant: Plant, linear: Linear, excited: int, sags: float, f_pd: float, f_dob: float) -> tuple[Servo, ...]:
     drives = [plant.drives[k] for k in plant.live]
     gravity = np.diag(linear.gravity_stiffness([drive.K for drive in drives]))
     servos = []
     for k, drive, J, dG in zip(plant.live, drives, np.diag(linear.link_inertia), gravity, strict=True):
         if k == excited:
             inertia, damping = float(J) + drive.N**2 * drive.J_m, drive.N**2 * drive.D
-            servos.append(hold_servo(drive.N, inertia, float(dG), damping, drive.K))
+            bears = drive.N * float(plant.preload[k])
+            servos.append(hold_servo(drive.N, inertia, float(dG), damping, drive.K, bears, sags))
         else:
             servos.append(lock_servo(drive.J_m, f_pd, f_dob))
     return tuple(servos)

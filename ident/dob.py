@@ -24,6 +24,9 @@ HOLD_DAMPING = 0.7
 #: The hold is at least this many times stiffer than gravity: softer, an arm falls to another equilibrium and stays periodic.
 GRAVITY_MARGIN = 3.0
 
+#: Gravity that is off by this share of the preload moves the excited joint by no more than this, if it turns [rad] or slides [m].
+GRAVITY_ERROR, SAGS, SLIDES = 0.25, 0.04, 0.01
+
 #: Lowest bandwidth of the hold [Hz]: it lets transients die within a few seconds and stays well below the first mode.
 HOLD_BANDWIDTH = 0.5
 
@@ -60,10 +63,19 @@ def lock_servo(J_m: float, f_pd: float, f_dob: float) -> Servo:
     return Servo(kp=J_m * w * w, kd=2 * LOCK_DAMPING * J_m * w, J=J_m, dob=2 * pi * f_dob)
 
 
-def hold_servo(N: float, inertia: float, gravity_stiffness: float, damping: float = 0.0, spring: float = inf) -> Servo:
+def hold_servo(
+    N: float,
+    inertia: float,
+    gravity_stiffness: float,
+    damping: float = 0.0,
+    spring: float = inf,
+    gravity: float = 0.0,
+    sags: float = SAGS,
+) -> Servo:
     """A soft PD for the excited joint: `inertia` [kg m2], `gravity_stiffness` dG_i/dq_i [N m/rad, negative where the link
     falls], the motor's own `damping` N^2 D [N m s/rad] and the `spring` K [N m/rad] joint side. Heavy damping needs a stiffer
-    hold: the joint creeps back at stiffness/damping.
+    hold: the joint creeps back at stiffness/damping. So does the `gravity` [N m] that the preload bears, which is not known well:
+    an error `GRAVITY_ERROR` of it moves the joint by `sags` [rad] at most.
 
     A link that falls feels hold and spring in series: k K/(k + K) is to be `GRAVITY_MARGIN` |dG/dq|. ExperimentError where
     the spring alone is softer than that.
@@ -78,7 +90,7 @@ def hold_servo(N: float, inertia: float, gravity_stiffness: float, damping: floa
                 "another posture"
             )
         needed /= 1 - needed / spring
-    stiffness = max(needed, inertia * w**2, damping * w)
+    stiffness = max(needed, inertia * w**2, damping * w, GRAVITY_ERROR * abs(gravity) / sags)
     return Servo(kp=stiffness / N**2, kd=2 * HOLD_DAMPING * sqrt(stiffness * inertia) / N**2)
 
 

@@ -102,7 +102,7 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
     spacing = 1 if lines == "every" else frf.spacing
     return Evidence(
         index, frf.index, band.excited[use], scene, Sampling(scene.f0 * scene.lines, campaign.fs, campaign.hold),
-        Noise(samples, frf.floor[live]), noise_dof(len(scene.lines), spacing, frf.periods),
+        Noise(samples, band.floor[use][:, live]), noise_dof(len(scene.lines), spacing, frf.periods),
     )  # fmt: skip
 
 

@@ -12,8 +12,8 @@ from ident.acting import moved
 from ident.arm_fit import Problem, hold, residual, whitened_by
 from ident.arm_model import DRIVES, Parameters
 from ident.campaign import Array, Campaign
-from ident.coupled import CoupledFit, problem_of
-from ident.evidence import Evidence, evidence, gravity_basis
+from ident.coupled import CoupledFit, evidence_of, problem_of
+from ident.evidence import Evidence, gravity_basis
 from ident.frf import Complex, Frf
 from ident.parts import degrees
 from symgen.plan import Model
@@ -60,9 +60,8 @@ def of_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], fit: 
     Drives that no datasheet tells, and dampings, are the fitted ones in the declared arm, too.
     """
     basis = gravity_basis(model, campaign.gravity)
-    odd = all(np.all(record.lines % 2) for record in campaign.records)
-    lines = "usable" if odd else "every"
-    data = tuple(_as_fitted(evidence(campaign, model, basis, frf, k, lines), frf) for k, frf in enumerate(responses))
+    there = [replace(frf, posture=q) for frf, q in zip(responses, fit.postures, strict=True)]
+    data = evidence_of(campaign, model, basis, there)
     fitted = Parameters(fit.K, fit.J_m, fit.D, fit.D_spring, fit.alpha, fit.gravity)
     problem, vector = problem_of(campaign, model, basis, data, fitted), fitted.vector()
     share = degrees(data) / fit.dof
@@ -75,13 +74,6 @@ def of_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], fit: 
         misfit = Misfit(one.sampling.f, np.sqrt(power), left.shape[1])
         found.append(Whole(misfit, float(power.mean()) * share, _response(problem, declared, one, frf)))
     return tuple(found)
-
-
-def _as_fitted(one: Evidence, frf: Frf) -> Evidence:
-    """The record as `coupled` takes it: each line with its own quantisation floor."""
-    assert frf.band is not None
-    floor = frf.band.floor[np.isin(frf.band.lines, one.scene.lines)][:, one.scene.arm.live]
-    return replace(one, noise=replace(one.noise, floor=floor))
 
 
 def _response(problem: Problem, vector: Array, one: Evidence, frf: Frf) -> Complex:

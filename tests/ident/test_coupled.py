@@ -60,7 +60,9 @@ def parameters_of(arm: Arm) -> Parameters:
     return Parameters(arm.K, arm.J_m, arm.D, arm.D_spring, arm.J[entries], arm.K_g[entries])
 
 
-def measured(model: Model, rng: np.random.Generator, *, noise: float, step: float, K_2: float = 1.0, damped: float = 1.0) -> Campaign:
+def measured(
+    model: Model, rng: np.random.Generator, *, noise: float, step: float, K_2: float = 1.0, damped: float = 1.0
+) -> Campaign:
     """A campaign of both motors at both postures, both held softly by feedback; joint 2 stiffer by `K_2` when it is excited, motors
     `damped` by this share of what they usually are."""
     records = []
@@ -305,3 +307,9 @@ def test_held_by_motors_that_give(name: str, believe: bool) -> None:
     assert error[:, 0, 1:].max() < 1e-3  # J_12, J_13
     apart = two_mass(responses[2], float(data.N[2]), data.fs, data.hold)
     assert abs(apart.J_l / true[0, 2, 2] - 1) > 0.1 and not apart.explained
+    beside = replace(
+        data, records=tuple(replace(one, posture=one.posture + [0.0, 2e-3, -1e-3]) for one in data.records)
+    )
+    there = fit_coupled(beside, model, [estimate(one, beside) for one in beside.records])
+    assert there.explained, "records tell where they rest"
+    np.testing.assert_allclose(there.alpha, found.alpha, atol=0.3 * sigma * size.max() ** 2)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from ident.dob import GRAVITY_MARGIN, Servo, check_stable, close_loop, controller, hold_servo, lock_servo
+from ident.dob import GRAVITY_ERROR, GRAVITY_MARGIN, Servo, check_stable, close_loop, controller, hold_servo, lock_servo
 from ident.errors import ExperimentError
 
 TS = 1e-3
@@ -97,6 +97,12 @@ def test_servos_follow_their_definition() -> None:
     assert heavy.kp * 100**2 == pytest.approx(GRAVITY_MARGIN * 21.0)
     assert 0.3 < np.sqrt(light.kp * 100**2 / 0.7) / (2 * np.pi) < 1.0  # Hz: well below any first mode, and it settles
     assert heavy.kd > 0 and heavy.dob == 0.0
+
+
+def test_a_preload_that_is_not_known_well_moves_the_joint_little() -> None:
+    """Where gravity is largest its stiffness is nothing, and the preload all that holds the link."""
+    k = hold_servo(100.0, 0.7, 0.0, gravity=-20.0, sags=0.04).kp * 100**2
+    assert GRAVITY_ERROR * 20.0 / k == pytest.approx(0.04)
 
 
 def test_a_link_that_falls_is_held_through_its_spring() -> None:

@@ -192,7 +192,11 @@ def test_links_that_leave_far_less_without_effects_come_first(
 
         bench = SimpleNamespace(late=False)
         return SimpleNamespace(
-            departs=True, alone=90.0 if zeros else 9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside), bench=bench
+            departs=True,
+            alone=90.0 if zeros else 9.0,
+            diagnosed=diagnosed,
+            beside=lambda *_: (None, beside),
+            bench=bench,
         )
 
     monkeypatch.setattr(ident.either_model, "begin", begun)

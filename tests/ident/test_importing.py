@@ -300,7 +300,11 @@ def test_wrong_signs_and_gears_are_noted(truth: Record, tmp_path: Path) -> None:
 def test_a_gear_that_no_angle_at_rest_tells_of_is_noted(truth: Record, tmp_path: Path) -> None:
     np.savez(tmp_path / "record.npz", tau=truth.tau, theta=truth.theta)
     text = SIDE_BY_SIDE.replace("NAME", "tau").replace("ANGLE", "theta") + "sample_rate_Hz = 1000\n"
-    for posture, noted in (([0.0, 0.4, -0.2], ["joint1"]), ([0.0, 0.4, 0.0], ["joint1, joint3"]), ([0.3, 0.4, -0.2], [])):
+    for posture, noted in (
+        ([0.0, 0.4, -0.2], ["joint1"]),
+        ([0.0, 0.4, 0.0], ["joint1, joint3"]),
+        ([0.3, 0.4, -0.2], []),
+    ):
         (tmp_path / "map.toml").write_text(text.replace(str(POSTURE), str(posture)))
         notes = import_files(load_map(tmp_path / "map.toml"), [tmp_path / "record.npz"]).notes
         told = [note for note in notes if "taken as declared" in note]

@@ -44,7 +44,9 @@ def test_the_error_is_as_large_as_told_at_every_frequency(steps: int) -> None:
 def test_over_many_steps_it_is_white_and_hidden_it_may_be_anywhere() -> None:
     rng = np.random.default_rng(2)
     mean, each = quantisation(np.ones(1), slow(20000, rng)[1], odd=True)
-    assert mean == pytest.approx(2 / (3 * S)) and each[LINES] == pytest.approx(np.full((len(LINES), 1), mean[0]), rel=0.02)
+    assert mean == pytest.approx(2 / (3 * S)) and each[LINES] == pytest.approx(
+        np.full((len(LINES), 1), mean[0]), rel=0.02
+    )
     mean, each = quantisation(np.ones(1), slow(HIDDEN_STEPS - 1, rng)[1], odd=True)
     assert mean == pytest.approx(2 / (3 * S)) and each == pytest.approx(S / 2 * mean[0])
 
@@ -67,3 +69,18 @@ def test_deviations_are_honest_where_held_joints_move_over_few_counts(seed: int,
     fit = fit_coupled(campaign, plan.model, [estimate(record, campaign) for record in campaign.records])
     off = (fit.alpha - plan.model.alpha_cad) / np.sqrt(np.diag(fit.covariance))
     assert fit.explained and np.abs(off).max() < 3.0
+
+
+def test_a_posture_that_the_encoder_hardly_tells_is_said(tmp_path: Path) -> None:
+    """2000 counts behind no gear: the joint is held somewhere within 3 mrad."""
+    experiment = "line_spacing_Hz = 1.0\nband_Hz = [1.0, 60.0]\nperiods = 3"
+    direct = {"N": 1, "J_m_kgm2": 5e-3, "torque_limit_Nm": 30, "encoder_counts_per_rev": 2000}
+    robot = two_joints(tmp_path, experiment, {}, direct)
+    plan = plan_of_robot(robot)
+    cells = [(plan.cells[k].joint, plan.cells[k].q) for k in (0, 1, 2, 4, 6, 7)]
+    campaign = simulate(plan.model.chain, robot, cells, seed=0, workers=1)
+    fit = fit_coupled(campaign, plan.model, [estimate(record, campaign) for record in campaign.records])
+    (said,) = [line for line in fit.status if "counts" in line]
+    assert said.startswith("j2: ") and "0.00091 only" in said
+    off = (fit.alpha - plan.model.alpha_cad) / np.sqrt(np.diag(fit.covariance))
+    assert 1.0 < np.abs(off).max() < 3.0 * float(said.split("off by ")[1].split()[0])

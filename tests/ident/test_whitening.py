@@ -50,6 +50,15 @@ def test_a_joint_that_drifts_leaves_the_others_their_noise(size: float) -> None:
     assert level[0] < 1.3 and level[2] < 1.3
 
 
+def test_a_line_at_which_a_transient_rings_has_its_own_power() -> None:
+    ringing = np.zeros(len(LINES))
+    ringing[40] = 30.0 * np.sqrt(ANGLE + np.sum(np.abs(G[40, 1]) ** 2 * TORQUE))
+    noise, still = samples(ringing), np.zeros((len(LINES), M))
+    W = whitening(noise_powers(ARM, P, SAMPLING, noise, still), still)
+    level = (np.abs(np.einsum("lij,rlj->rli", W, noise.samples[:, :, M:])) ** 2).mean(axis=0)
+    assert level[40, 1] < 2.0  # one power for all lines made 50 of it
+
+
 def test_no_angle_is_quieter_than_the_model_tells_it_whichever_way_gears_turn() -> None:
     theta, turned = np.zeros((len(LINES), M)), replace(ARM, N=-ARM.N)
     theta[:, 0] = 10.0
