@@ -136,7 +136,7 @@ def result_document(d: Diagnosis, seconds: Mapping[str, float]) -> dict[str, Any
         ],
         "chi2_per_dof": found.chi2 / dof,
         "chi2_limit": limit,
-        "explained": d.status != "unexplained",
+        "explained": d.status != "unexplained" and found.chi2 <= limit * dof,
         "not_identifiable": [
             {"what": f"a direction of alpha, mostly {name}", "why": "no record shows it: its value means nothing",
              "remedy": "measure more postures: symgen plans them"} for name in hidden

@@ -132,7 +132,7 @@ def _shift(signal: Array, periods: int, S: int) -> tuple[int, int] | None:
         shifts[period] = np.where(seen, (here - lag + S // 2) % S - S // 2, 0)
     # samples lost in the last period shift the blocks behind them in all others, and those before the gap in none
     latest, flat = shifts[-1], shifts.ravel()
-    if not latest[0] and latest[-1] and latest[-2] == latest[-1]:
+    if not latest[0] and latest[-1] and (latest[-2] == latest[-1] or np.all(shifts[:, -1] == latest[-1])):
         first = int(np.flatnonzero(latest == 0)[-1]) + 1
         return int(latest[-1]), (periods - 1) * BLOCKS + first
     shifted = np.flatnonzero(flat)
@@ -150,6 +150,7 @@ def _repeated(record: Record, joint: int) -> NDArray[np.int64]:
     change = np.abs(np.diff(record.tau[:, joint], prepend=record.tau[0, joint])).reshape(record.periods, -1)
     usual = np.median(change, axis=0)
     chosen = samples[usual[samples % record.samples_per_period] > 0.2 * np.median(usual)]
+    chosen = chosen[chosen > np.argmax(change.ravel() > 0.0)]  # before the excitation begins nothing moves
     return chosen if chosen.size < 0.5 * len(same) else chosen[:0]
 
 

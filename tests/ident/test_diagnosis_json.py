@@ -63,6 +63,15 @@ def test_the_verdict_has_every_key_of_the_format(file):
     assert v["error"]["noise_per_band"] == d.after.noise_per_band
 
 
+def test_a_result_beyond_its_limit_is_not_explained():
+    """Also where an effect was found that explains nearly all."""
+    d = diagnosis()
+    half = replace(d, end=replace(d.end, minimum=replace(d.end.minimum, chi2=0.5 * d.end.minimum.chi2)))
+    for one in (d, half):
+        found = result_document(one, {})
+        assert found["explained"] == (found["chi2_per_dof"] <= found["chi2_limit"]) == (one is half)
+
+
 def test_the_effect_is_the_one_that_was_put_in(file):
     (effect,) = verdict_document(diagnosis(), [file])["effects"]
     assert set(effect) >= EFFECT
