@@ -19,8 +19,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from symgen.ascent import climbed
 from symgen.basis import Factoring
-from symgen.cells import Cells, Rows, every_joint, ranked, spread
+from symgen.cells import Cells, Rows, every_joint, ranked, spread, steady
 from symgen.chain import Array, readonly
 from symgen.forked import WORKERS, beside, standing
 from symgen.holding import Holding, Mask, box
@@ -35,6 +36,12 @@ _WORKSPACE = 2000
 
 #: Spare cells looked at together for one that is feasible.
 _AT_ONCE = 8
+
+#: The weak prior of the wider model, in measurements spread over the pool.
+_PRIOR = 1e-2
+
+#: Steps by which the spare cells are moved, together.
+_SPARE_STEPS = 60
 
 
 @dataclass(frozen=True)
@@ -84,7 +91,7 @@ def spare_cells(
     prediction by the wider model varies most, given the planned ones and a weak prior.
     """
     G, F = rows.of_cells(pool, of=wider), rows.of_cells(planned, of=wider)
-    M = F.T @ F + 1e-2 * G.T @ G / len(G)
+    M = F.T @ F + _PRIOR * G.T @ G / len(G)
     chosen, left = planned[np.arange(0)], np.ones(len(pool), dtype=bool)
     while len(chosen) < count and left.any():
         leverage = np.where(left, np.einsum("Nd,de,Ne->N", G, np.linalg.inv(M), G, optimize=True), -1.0)
@@ -98,6 +105,32 @@ def spare_cells(
         chosen = chosen + cells[np.array([k])]
         M += np.outer(G[best[k]], G[best[k]])
     return chosen
+
+
+def moved_spare(wider: Rows, planned: Cells, spare: Cells, pool: Cells, holding: Holding) -> Cells:
+    """Returns the cells `spare` with their postures moved, all together, to where the wider model is tied down best; as they
+    were where that brings nothing or is not feasible. Prior and `pool` as for `spare_cells`."""
+    F, G = wider.of_cells(planned), wider.of_cells(pool)
+    known = F.T @ F + _PRIOR * G.T @ G / len(G)
+
+    def information(F: Array) -> Array:
+        M: Array = known + F.T @ F
+        return M
+
+    def hill(x: Array) -> tuple[float, Array]:
+        F, slope = wider.traced(Cells(spare.joint, x.reshape(spare.q.shape)))
+        M = information(F)
+        return float(np.linalg.slogdet(M)[1]), slope(2 * F @ np.linalg.inv(M)).ravel()
+
+    if not len(spare):
+        return spare
+    low, high = np.tile(holding.allowed, (len(spare), 1)).T
+    x = climbed(hill, np.clip(spare.q.ravel(), low, high), low, high, _SPARE_STEPS)
+    aim = Cells(spare.joint, np.clip(steady(x).reshape(spare.q.shape), *holding.allowed.T))
+    passed, moved = holding.placed(holding.towards(spare, aim))
+    moved = Cells(spare.joint, np.where(passed[:, None], moved.q, spare.q))
+    gain = np.linalg.slogdet(information(wider.of_cells(moved)))[1] - hill(spare.q.ravel())[0]
+    return moved if gain > 0 else spare
 
 
 def ordered(cells: Cells, start: Array) -> Cells:
@@ -155,6 +188,7 @@ def plan(
     _, needed = holding.placed(cells)
     pool = best.cells + every_joint(spread(holding.allowed, CANDIDATES, 0.5))
     more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare, holding)
+    more = moved_spare(Rows(wider, rows.rotor), needed, more, pool, holding)
     both = ordered(needed, holding.rest) + ordered(more, holding.rest)
     return judged(rows, both.joint, both.q, np.arange(len(both)) >= d, holding, best.log_det_bound)
 

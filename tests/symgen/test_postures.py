@@ -197,6 +197,15 @@ def test_full_plans_are_certified(name: str) -> None:
 
 
 @pytest.mark.bench
+@pytest.mark.parametrize("name", ["7R 4", "7R 5", "7R 6"])
+def test_full_plans_with_spare_cells_are_certified_where_those_of_d_cells_are_not(name: str) -> None:
+    """The best plans of d cells that long searches have found come to 0.886, 0.897, 0.883."""
+    design = designed(name, "full")
+    assert design.d_efficiency_all >= 0.9 > design.d_efficiency >= 0.875
+    assert design.amplification.max() <= 1.2 and design.amplification_p999.max() <= 1.7
+
+
+@pytest.mark.bench
 @pytest.mark.parametrize("effort", ["quick", "full"])
 @pytest.mark.parametrize("name", VENDORS)
 def test_behind_walls_plans_are_certified(name: str, effort: Effort) -> None:
@@ -350,4 +359,4 @@ def test_spare_cells_of_a_general_model_add_what_is_known_least() -> None:
     ]
     assert worst(F) < 0.9 * worst(F[needed])
     assert worst(F) < min(worst(np.concatenate([F[needed], more])) for more in random)
-    assert design.d_efficiency_all > 0.85
+    assert design.d_efficiency_all > 0.943, "0.939 before they are moved"
