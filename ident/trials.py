@@ -186,7 +186,9 @@ def _and_curves(
     if excess(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
         tried += _besides(bench, state, lin, progress)
     rubs = any(effect.dry for effect in state.effects)
-    if not any(explains(bench, new, first) if rubs else excess(bench, new) <= NAMED for _, new in tried):
+    if not (
+        bench.late or any(explains(bench, new, first) if rubs else excess(bench, new) <= NAMED for _, new in tried)
+    ):
         tried += _drawn(bench, state, lin, progress)
     return tried
 
@@ -317,7 +319,9 @@ def giving(
 
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
     """The candidates, those that may be chosen fitted finely, and the best name from other places where it leaves something; `first`
-    as in `explains`."""
+    as in `explains`. Once it is late all stay as they are."""
+    if bench.late:
+        return list(tried)
     tried = curve_finely(bench, tried, progress)
     finalists = _finalists(bench, tried, first)
     if not finalists:

@@ -28,7 +28,7 @@ from ident.finer import curve_finely, finely, leader_finely
 from ident.naming import of_any_order, plainer
 from ident.refits import FINELY, HASTILY
 from ident.trials import _finalists, _ringing, ahead, outshines, polished
-from ident.tried import refitted
+from ident.tried import by_few_lines, refitted
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -164,6 +164,31 @@ def test_where_a_curve_leads_all_that_rubs_as_well_in_haste_is_fitted_finely(
     tried = [one(LOADED, 100.0), one(SLIDING, 150.0), one(PLACE, as_good), one(DRY, 500.0)]
     found = curve_finely(BENCH, tried, lambda line: None)
     assert [state.select / DOF for _, state in found] == [*levels, 500.0]
+
+
+@pytest.mark.parametrize("fits", [0, 2])
+def test_nothing_is_refitted_any_more_once_it_is_late(fits: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is late after so many fits."""
+    begun: list[Effect] = []
+
+    def fitted(bench: Any, refits: Any) -> Any:
+        for effect in refits:
+            begun.append(effect)
+            bench.late = len(begun) >= fits
+            yield one(effect, 20.0)[1]
+
+    names = [DRY, WAVE, HARD]
+    short: Any = [(SimpleNamespace(effect=e, gain=500.0), None) for e in names]
+    bench: Any = SimpleNamespace(late=fits == 0)
+    monkeypatch.setattr(ident.tried, "with_candidate", lambda state, candidate, origin: candidate.effect)
+    monkeypatch.setattr(ident.tried, "all_fitted", fitted)
+    found = refitted(bench, one(DRY, 30.0)[1], short, lambda line: None)
+    assert [candidate.effect for candidate, _ in found] == names[:fits] == begun
+    nothing: Any = None
+    assert bench.late and by_few_lines(bench, nothing, nothing, [c for c, _ in short], lambda line: None) == []
+    assert (
+        polished(bench, tried := [one(CURVE, 100.0)], 1000.0 * DOF, lambda line: None) == tried and len(begun) == fits
+    )
 
 
 @pytest.mark.parametrize(("promised", "best"), [(1100.0, TransmissionError), (100.0, LinkCoulomb)])
