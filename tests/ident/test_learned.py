@@ -18,7 +18,7 @@ from ident.arm_fit import hold
 from ident.bench import simulate
 from ident.coupled import declared_start
 from ident.curves import PARTS, _shape, curves, wave
-from ident.effects.base import Effect, Law
+from ident.effects.base import Effect, Law, Parameter
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import LearnedLaw, at_knots, bent, learned
 from ident.effects.motion import State
@@ -43,6 +43,23 @@ STEEP = ("root-damper", "falling-friction")
 #: One record at each rest of the joint: 150 rad of the motor apart, all within 2 rad each.
 JOINT, RESTS, NEAR = 1, (-1.1, -0.2, 0.31, 1.3), (0.31, 0.32)
 TEETH = 3.0
+
+
+class DamagedTooth(Law):
+    """One tooth of the motor's gear that winds the spring where it meshes, a quarter of a radian wide."""
+
+    name, port = "damaged-tooth", "spring"
+    parameters = (
+        Parameter("height", "rad", -1.0, 1.0, (0.1,), linear=True),
+        Parameter("place", "rad", 0.0, 7.0, (1.0,), zero=None),
+    )
+
+    def law(self, at: State) -> Any:
+        off = np.mod(at.theta - self["place"] + np.pi, 2.0 * np.pi) - np.pi
+        return at.K * self["height"] * np.exp(-((off / 0.25) ** 2))
+
+
+LAWS: dict[str, type[Effect]] = {**OUTSIDE, **CATALOGUE, DamagedTooth.name: DamagedTooth}
 
 
 def state(theta: object, omega: object = 1.0) -> State:
@@ -158,7 +175,7 @@ def _bench(name: str, values: tuple[float, ...], rests: tuple[float, ...]) -> Be
     robot = FINE if name in STEEP else SHORT
     chain = chain_of_robot(robot)
     cells = [(chain.names[JOINT], angle * np.eye(chain.n)[JOINT]) for angle in rests]
-    c = simulate(chain, robot, cells, effects=[{**OUTSIDE, **CATALOGUE}[name](JOINT, values)], workers=1, seed=3)
+    c = simulate(chain, robot, cells, effects=[LAWS[name](JOINT, values)], workers=1, seed=3)
     model = make_model(chain, believe_zeros=True)
     basis = gravity_basis(model, c.gravity)
     responses = tuple(estimate(record, c) for record in c.records)
@@ -341,6 +358,13 @@ def test_a_law_of_two_signals_is_seen_as_what_it_is(law: tuple[Any, ...], expect
     assert expected in told(curves(left(*law))[0].effect)
 
 
+def test_a_spring_that_a_tooth_winds_is_seen_as_a_curve_of_its_motor() -> None:
+    """By two records, at rests 99 rad of the motor apart."""
+    best = curves(left("damaged-tooth", 1e-3, 1.0, rests=RESTS[2:]))[0].effect
+    assert isinstance(best, LearnedLaw) and "mesh at the spring" in told(best) and best.joint == JOINT
+    assert best.law(replace(state(1.0), deflection=5.0, tau=7.0)) == best.law(state(1.0)), "of nothing else"
+
+
 def test_a_spring_as_stiff_as_where_its_motor_is_is_drawn_to_the_noise() -> None:
     """With its stiffness, fitted besides, held: one of both is told."""
     law = "mesh-stiffness", 100.0, TEETH
@@ -432,6 +456,7 @@ def added(tools: Bench, state: Fitted, effect: Effect) -> Fitted:
     [
         ("spring", "position", "spring-hardening", (2.0,), [-2.0, 0.25, 16.0]),
         ("spring", "position", "backlash", (1.0,), [2500.0, -2500.0, -2500.0]),
+        ("spring", "mesh", "transmission-error", (1e-3, 1.0, 0.5), [5.0 * np.sin(x + 0.5) for x in (-1.0, 0.5, 2.0)]),
         ("motor", "velocity", "motor-quadratic-drag", (3.0,), [3.0, -0.75, -12.0]),
         ("motor", "drive", "motor-quadratic-drag", (3.0,), None),
         ("motor", "sliding", "motor-quadratic-drag", (3.0,), None),
