@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import diagnosed
@@ -12,12 +13,14 @@ import numpy as np
 import pytest
 from outside import OUTSIDE
 
+import ident.curves
 from ident.added import drawn_over, outdone, pruned
 from ident.alike import names_alike
 from ident.arm_fit import hold
 from ident.bench import simulate
+from ident.candidates import Candidate
 from ident.coupled import declared_start
-from ident.curves import PARTS, _shape, curves, wave
+from ident.curves import PARTS, _repeating, _shape, curves, wave
 from ident.effects.base import Effect, Law, Parameter
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import LearnedLaw, at_knots, bent, learned
@@ -26,7 +29,7 @@ from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.minima import fully, told
 from ident.parts import Split
-from ident.periods import spectrum
+from ident.periods import Spectrum, spectrum
 from ident.refits import Bench, Refit, excess, first, fitted, linearised
 from ident.refits import State as Fitted
 from ident.rest import _mended
@@ -259,6 +262,22 @@ def test_a_law_that_comes_back_twice_in_what_the_records_cover_is_no_faster_one(
     assert 1.5 < TEETH * np.ptp(x) / (2.0 * np.pi) < 3.0
     kind: type[Effect] = type(curves(lin)[0].effect)
     assert kind.period == pytest.approx(2.0 * np.pi / TEETH)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("promised", "heights"), [(85.0, 25), (75.0, 13)])
+def test_a_wave_that_is_narrow_in_its_period_is_drawn_with_more_heights(
+    promised: float, heights: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 100 that are left few heights promise 60."""
+
+    def drawn(lin: Any, shapes: Any, workers: int) -> list[Candidate]:
+        kinds = [(kind(joint, (0.0,) * len(kind.knots)), len(kind.knots)) for kind, joint in shapes]
+        return [Candidate(effect, 60.0 if count == 13 else promised, ()) for effect, count in kinds]
+
+    monkeypatch.setattr(ident.curves, "_drawn", drawn)
+    lin: Any = SimpleNamespace(chi2=100.0)
+    (found,) = _repeating(lin, "spring", JOINT, "mesh", Spectrum(np.array([3.0]), np.array([50.0]), 0.1), 1)
+    assert len(found.effect.values) == heights
 
 
 def test_a_wave_is_found_that_is_not_whole_in_a_turn_of_the_motor() -> None:
