@@ -30,6 +30,9 @@ RESTING, BEGIN = (0.001, 0.004, 0.012, 0.035), 1.6
 #: are looked for, peaks there, harmonics that a peak may be, and whole parts
 #: of a turn that are tried: one is preferred that does this share of what others do.
 HIGHEST, HARMONICS, REPEATING, PEAKS_OF_WAVES, MULTIPLES, WHOLE, AS_WELL = 30.0, 6, 3, 4, 4, 12, 0.9
+#: Times as many harmonics of a curve that repeats itself, and share of what the few leave that these leave if they are taken: a wave
+#: that is narrow in its period, as of one tooth.
+NARROW, MUCH_LESS = 2, 0.5
 #: How often a curve that repeats itself does so in what the records cover, at least; the lowest order of a single wave, and the
 #: orders tried about a peak.
 AGAIN, LONGEST, CLOSER = 1.5, 0.2, 9
@@ -166,17 +169,22 @@ def _round(port: str, joint: int, name: str, count: int, order: float) -> Shape:
 
 def _repeating(lin: Linearised, port: str, joint: int, name: str, seen: Spectrum, workers: int) -> list[Candidate]:
     """The curve of position that repeats itself and fits best: a whole part of a turn, or a peak of the spectrum is a harmonic
-    of it, if that is much better."""
-    count = 2 * HARMONICS + 1
+    of it, if that is much better; of more harmonics, if these leave much less."""
 
-    def best(orders: Iterable[float]) -> Candidate | None:
+    def best(orders: Iterable[float], harmonics: int = HARMONICS) -> Candidate | None:
+        count = 2 * harmonics + 1
         shapes = [_round(port, joint, name, count, order) for order in orders if order >= AGAIN * seen.resolved]
         return max(_drawn(lin, shapes, workers), key=lambda one: one.gain, default=None)
 
     whole = best(float(k) for k in range(1, WHOLE + 1)) if port != "link" else None
     other = best(peak / k for peak in seen.peaks(PEAKS_OF_WAVES) for k in range(1, MULTIPLES + 1))
     one = whole if whole and (other is None or whole.gain > AS_WELL * other.gain) else other
-    return [] if one is None else [one]
+    if one is None:
+        return []
+    assert isinstance(one.effect, Learned) and one.effect.period is not None
+    narrow = best([2.0 * np.pi / one.effect.period], NARROW * HARMONICS)
+    much_less = narrow is not None and lin.chi2 - narrow.gain < MUCH_LESS * (lin.chi2 - one.gain)
+    return [narrow if narrow is not None and much_less else one]
 
 
 def wave(lin: Linearised, port: str, joint: int, highest: float, workers: int = 1) -> Candidate | None:

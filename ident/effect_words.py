@@ -132,6 +132,7 @@ def _kind_of(effect: dict[str, Any]) -> str:
         "fading": "a share of its torque that is a curve of velocity",
         "reading": "an error that is a curve of the motor's position",
         "stiffness": "stiffness that is a curve of the motor's position",
+        "mesh": "a curve of the motor's position",
     }
     if curve["variable"] == "frequency":
         signal = "angle that is measured" if port == "sensor" else "torque that is commanded"

@@ -12,6 +12,9 @@ from ident.refits import CLOSE, FINELY, Bench, Refit, State, all_fitted, excess,
 #: Share of what any other candidate leaves that one leaves which may be far ahead once it is fitted finely: nothing else is tried then.
 #: Below the first one it is far ahead already.
 LEADING, FORWARD = 0.1, 0.5
+#: Times what the best curve leaves, hastily fitted, that one of dry friction may leave to do better finely fitted: in haste the motion
+#: that friction leaves is hardly found.
+AS_DRY = 2.0
 #: While none of the candidates is near, those whose chi^2 is `FALLING` go on so many times.
 PATIENCE = 4
 
@@ -24,14 +27,18 @@ def curve_finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str],
         return list(tried)
     tried = with_finer(bench, tried, best, progress)
     place = best[0].key[1:]
-    dry = [
-        one
-        for one in tried
-        if is_curve(one) and one[0].effect.dry and one[0].key[1:] == place and one[1].roughly > FINELY
-    ]
-    if not dry or min(excess(bench, state) for _, state in tried) <= CLOSE**2:
-        return tried
-    return with_finer(bench, tried, min(dry, key=left_by), progress)
+    dry = [one for one in tried if one[0].effect.dry and one[0].key[1:] == place and one[1].roughly > FINELY]
+    for one in curves_alike(dry):
+        if bench.late or min(excess(bench, state) for _, state in tried) <= CLOSE**2:
+            break
+        tried = with_finer(bench, tried, one, progress)
+    return tried
+
+
+def curves_alike(tried: Sequence[Tried]) -> list[Tried]:
+    """The best of the curves, and those of dry friction that leave hardly more, best first: in haste these are not told apart."""
+    drawn = sorted((one for one in tried if is_curve(one)), key=left_by)
+    return drawn[:1] + [one for one in drawn[1:] if one[0].effect.dry and left_by(one) <= AS_DRY * left_by(drawn[0])]
 
 
 def leader_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:

@@ -127,7 +127,7 @@ def _two(
     """The model with two effects more, the first one of those that, of all that were tried, explain most of the records that fit:
     what is missing besides may bend the others."""
     for _, lead in best_names(tried, by=lambda one: one[1].minimum.chi2)[:LEADERS]:
-        if lead.minimum.chi2 > LEADS * state.minimum.chi2:
+        if bench.late or lead.minimum.chi2 > LEADS * state.minimum.chi2:
             break
         progress(f"  none alone; with {told(lead.effects[-1])}:")
         both = _with_second(bench, state, lead, (), tried, lin, first, progress)
@@ -141,9 +141,14 @@ def _with_second(
     progress: Callable[[str], None],
 ) -> tuple[State, list[Added]] | None:  # fmt: skip
     """The model with the last effect of `lead`, one of those `tried` beyond `state`, and a second one, that which is `missing` if it was
-    found; with the second alone if that does without the first, which led to it."""
+    found; with the second alone if that does without the first, which led to it. None is looked for once it is late."""
+    if bench.late:
+        return None
     there = linearised(lead.problem, lead.minimum.vector)
-    further = () if missing else hasty(bench, lead, there, first, likely_names(bench, lead, there, progress), progress)
+    likely = missing or likely_names(bench, lead, there, progress)
+    if bench.late:
+        return None
+    further = () if missing else hasty(bench, lead, there, first, [*likely], progress)
     best, more = _best(bench, lead, there, first, progress, list(missing), further)
     second = _entered(bench, lead, best, more, there, first)
     if second is None or not earned(bench, state, second[0], first):

@@ -24,7 +24,7 @@ from ident.contact import as_it_creeps, balanced, besides
 from ident.curves import curves, responses
 from ident.effects.base import Effect, only_impedance, overrides
 from ident.effects.structure import LockedJointElasticity
-from ident.finer import LEADING, curve_finely, finely, finer, leader_finely
+from ident.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
 from ident.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
 from ident.parts import degrees
 from ident.refits import (
@@ -186,7 +186,9 @@ def _and_curves(
     if excess(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
         tried += _besides(bench, state, lin, progress)
     rubs = any(effect.dry for effect in state.effects)
-    if not any(explains(bench, new, first) if rubs else excess(bench, new) <= NAMED for _, new in tried):
+    if not (
+        bench.late or any(explains(bench, new, first) if rubs else excess(bench, new) <= NAMED for _, new in tried)
+    ):
         tried += _drawn(bench, state, lin, progress)
     return tried
 
@@ -317,7 +319,9 @@ def giving(
 
 def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
     """The candidates, those that may be chosen fitted finely, and the best name from other places where it leaves something; `first`
-    as in `explains`."""
+    as in `explains`. Once it is late all stay as they are."""
+    if bench.late:
+        return list(tried)
     tried = curve_finely(bench, tried, progress)
     finalists = _finalists(bench, tried, first)
     if not finalists:
@@ -342,19 +346,20 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
 
 def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried]:
     """The candidates to be fitted finely: where a name leaves nothing, those near the noise, or none if it is alone there; where none
-    is near, those not far behind the best, but none behind a law that is far ahead.
+    is near, those not far behind the best, but none behind a law that is far ahead. Of the curves the best, and dry friction that is as
+    good in haste.
     """
-    named, drawn = best_names(tried), sorted((one for one in tried if is_curve(one)), key=left_by)
+    named, drawn = best_names(tried), curves_alike(tried)
     near = CLOSE**2 * degrees(bench.split.select)
     if not named:
-        return drawn[:1]
+        return drawn
     left = excess(bench, named[0][1])
     if explains(bench, named[0][1], first, CLOSE**2):
-        rivals = [one for one in named[:FINALISTS] + (drawn[:1] if left > NAMED else []) if left_by(one) <= near]
+        rivals = [one for one in named[:FINALISTS] + (drawn if left > NAMED else []) if left_by(one) <= near]
         return rivals if len(rivals) > 1 or left > NAMED else []
     if law_leads(tried, first):
-        return named[:1] + drawn[:1]
-    return named[:1] + [one for one in named[1:FINALISTS] + drawn[:1] if UNLIKELY * left_by(one) <= left_by(named[0])]
+        return named[:1] + drawn
+    return named[:1] + [one for one in named[1:FINALISTS] + drawn if UNLIKELY * left_by(one) <= left_by(named[0])]
 
 
 def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> State:

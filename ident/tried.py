@@ -24,6 +24,8 @@ def by_few_lines(
     bench: Bench, state: State, lin: Linearised, likely: Sequence[Candidate], progress: Callable[[str], None]
 ) -> list[Tried]:
     """The best two of many candidates, by few lines, refitted as others are."""
+    if bench.late:
+        return []
     refits = [replace(with_candidate(state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
     left = [new.select for new in all_fitted(bench, refits)]
     best = sorted(zip(left, range(len(left)), strict=True))[:BEST]
@@ -34,7 +36,9 @@ def refitted(
     bench: Bench, state: State, short: Sequence[tuple[Candidate, Linearised]], progress: Callable[[str], None]
 ) -> list[Tried]:
     """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted; once one leaves nothing, where
-    there was much, none that promises much less."""
+    there was much, none that promises much less, and none once it is late."""
+    if bench.late:
+        return []
     refits = [with_candidate(state, candidate, origin) for candidate, origin in short]
     candidates, whole = [candidate for candidate, _ in short], 0.0
     tried: list[Tried] = []
@@ -43,7 +47,7 @@ def refitted(
         progress(f"  {told(new.effects[-1])}: {excess(bench, new):.4g}, promised {candidate.gain:.3g}")
         if excess(bench, new) <= NAMED and excess(bench, state) > CLOSE:
             whole = max(whole, candidate.gain)
-        if all(other.gain < PROMISED * whole for other in candidates[len(tried) :]):
+        if bench.late or all(other.gain < PROMISED * whole for other in candidates[len(tried) :]):
             break
     return tried
 

@@ -63,6 +63,7 @@ KINDS = {
     "gain": Kind("position", "drive", "", "", -0.9, 9.0, sliding=""),
     "fading": Kind("velocity", "drive", "", "", -0.9, 9.0, sliding=""),
     "stiffness": Kind("turn", "position", "Nm/rad", "K", -0.5, 2.0, "N/m"),
+    "mesh": Kind("turn"),
     "reading": Kind("position", "", "rad", "", -0.5, 0.5, sliding=""),
 }
 #: The variables of curves that have a stiffness or a damping in them.
@@ -73,7 +74,7 @@ VARIABLES = {
         "position", "velocity", "torque", "drive", "friction", "sliding", "loaded", "driven", "damping", "laden", "driving",
         "gain", "fading",
     ),
-    "spring": ("position", "velocity", "damping", "structural", "stiffness"),
+    "spring": ("position", "velocity", "damping", "structural", "stiffness", "mesh"),
     "link": ("position", "velocity", "torque", "friction", "sliding", "loaded", "damping", "laden"),
     "sensor": ("reading",),
 }  # fmt: skip
@@ -92,10 +93,11 @@ class Learned(Effect):
 
     def curve(self, slides: bool = False) -> dict[str, Any]:
         """The curve in plain numbers, where its joint `slides`, or turns; `at` is the knot of every parameter."""
+        of_turn = self.variable in KINDS and KINDS[self.variable].of == "turn"
         return {
             "variable": self.variable, "knots": list(self.knots), "period": self.period, "heights": list(self.values),
             "unit": self.unit(self.parameters[0], slides), "at": list(self.knots), "smooth": self.smooth,
-            "period_unit": "m" if slides and self.port not in ("motor", "sensor") else "rad",
+            "period_unit": "m" if slides and self.port not in ("motor", "sensor") and not of_turn else "rad",
         }  # fmt: skip
 
 
@@ -210,7 +212,7 @@ def at_knots(curve: LearnedLaw, law: Law, N: float, K: float) -> Array | None:
     if kind.times or curve.period is not None:
         return None
     position, velocity, _ = AT[curve.port]
-    asked = {"position": position, "velocity": velocity, "load": "spring", "drive": "tau"}[kind.of]
+    asked = {"position": position, "velocity": velocity, "load": "spring", "drive": "tau", "turn": "theta"}[kind.of]
     known = N * knots if (curve.port, kind.of) == ("motor", "load") else knots  # that is told motor side
     nothing = np.full(len(knots), np.nan)
     force = np.asarray(law.law(Told(lambda name: known if name == asked else nothing, N, K)))

@@ -194,6 +194,7 @@ def with_effect(d, effect, std):
          "−0.001 to 0.001 Nm over 0 to 0.9 rad"),
         (learned("sensor", "reading", [-9.0, 0.0, 9.0])(JOINT, (1e-4, 0.0, 1e-4)), "0 to 0.0001 rad over −9 to 9 rad"),
         (learned("spring", "stiffness", [-9.0, 0.0, 9.0])(JOINT, (10.0, 0.0, 10.0)), "0 to 10 Nm/rad over −9 to 9 rad"),
+        (learned("spring", "mesh", [0.0, 2.0, 4.0], 6.0)(JOINT, (-1.0, 0.0, 1.0)), "−1 to 1 Nm over 0 to 6 rad"),
         (response("motor", [1.0, 5.0, 20.0, 90.0])(JOINT, (-0.01, -0.05, -0.1, 1e-3, 1e-3, 2e-3, 1e-3)),
          "gain 0.905 to 1, delay 1 to 2 ms over 1 to 90 Hz"),
     ],

@@ -376,6 +376,8 @@ def test_beyond_the_gear_of_a_slide_units_are_metres_and_newtons() -> None:
         "Nm",
         "rad",
     ]
+    mesh = learned("spring", "mesh", (0.0, 1.0, 2.0), 3.0)(2, (0.0,) * 3).curve(True)
+    assert (mesh["unit"], mesh["period_unit"]) == ("N", "rad"), "what repeats itself is the motor's angle"
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import diagnosed
@@ -12,13 +13,15 @@ import numpy as np
 import pytest
 from outside import OUTSIDE
 
+import ident.curves
 from ident.added import drawn_over, outdone, pruned
 from ident.alike import names_alike
 from ident.arm_fit import hold
 from ident.bench import simulate
+from ident.candidates import Candidate
 from ident.coupled import declared_start
-from ident.curves import PARTS, _shape, curves, wave
-from ident.effects.base import Effect, Law
+from ident.curves import PARTS, _repeating, _shape, curves, wave
+from ident.effects.base import Effect, Law, Parameter
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import LearnedLaw, at_knots, bent, learned
 from ident.effects.motion import State
@@ -26,7 +29,7 @@ from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.minima import fully, told
 from ident.parts import Split
-from ident.periods import spectrum
+from ident.periods import Spectrum, spectrum
 from ident.refits import Bench, Refit, excess, first, fitted, linearised
 from ident.refits import State as Fitted
 from ident.rest import _mended
@@ -43,6 +46,23 @@ STEEP = ("root-damper", "falling-friction")
 #: One record at each rest of the joint: 150 rad of the motor apart, all within 2 rad each.
 JOINT, RESTS, NEAR = 1, (-1.1, -0.2, 0.31, 1.3), (0.31, 0.32)
 TEETH = 3.0
+
+
+class DamagedTooth(Law):
+    """One tooth of the motor's gear that winds the spring where it meshes, a quarter of a radian wide."""
+
+    name, port = "damaged-tooth", "spring"
+    parameters = (
+        Parameter("height", "rad", -1.0, 1.0, (0.1,), linear=True),
+        Parameter("place", "rad", 0.0, 7.0, (1.0,), zero=None),
+    )
+
+    def law(self, at: State) -> Any:
+        off = np.mod(at.theta - self["place"] + np.pi, 2.0 * np.pi) - np.pi
+        return at.K * self["height"] * np.exp(-((off / 0.25) ** 2))
+
+
+LAWS: dict[str, type[Effect]] = {**OUTSIDE, **CATALOGUE, DamagedTooth.name: DamagedTooth}
 
 
 def state(theta: object, omega: object = 1.0) -> State:
@@ -158,7 +178,7 @@ def _bench(name: str, values: tuple[float, ...], rests: tuple[float, ...]) -> Be
     robot = FINE if name in STEEP else SHORT
     chain = chain_of_robot(robot)
     cells = [(chain.names[JOINT], angle * np.eye(chain.n)[JOINT]) for angle in rests]
-    c = simulate(chain, robot, cells, effects=[{**OUTSIDE, **CATALOGUE}[name](JOINT, values)], workers=1, seed=3)
+    c = simulate(chain, robot, cells, effects=[LAWS[name](JOINT, values)], workers=1, seed=3)
     model = make_model(chain, believe_zeros=True)
     basis = gravity_basis(model, c.gravity)
     responses = tuple(estimate(record, c) for record in c.records)
@@ -242,6 +262,22 @@ def test_a_law_that_comes_back_twice_in_what_the_records_cover_is_no_faster_one(
     assert 1.5 < TEETH * np.ptp(x) / (2.0 * np.pi) < 3.0
     kind: type[Effect] = type(curves(lin)[0].effect)
     assert kind.period == pytest.approx(2.0 * np.pi / TEETH)  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("promised", "heights"), [(85.0, 25), (75.0, 13)])
+def test_a_wave_that_is_narrow_in_its_period_is_drawn_with_more_heights(
+    promised: float, heights: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 100 that are left few heights promise 60."""
+
+    def drawn(lin: Any, shapes: Any, workers: int) -> list[Candidate]:
+        kinds = [(kind(joint, (0.0,) * len(kind.knots)), len(kind.knots)) for kind, joint in shapes]
+        return [Candidate(effect, 60.0 if count == 13 else promised, ()) for effect, count in kinds]
+
+    monkeypatch.setattr(ident.curves, "_drawn", drawn)
+    lin: Any = SimpleNamespace(chi2=100.0)
+    (found,) = _repeating(lin, "spring", JOINT, "mesh", Spectrum(np.array([3.0]), np.array([50.0]), 0.1), 1)
+    assert len(found.effect.values) == heights
 
 
 def test_a_wave_is_found_that_is_not_whole_in_a_turn_of_the_motor() -> None:
@@ -341,6 +377,13 @@ def test_a_law_of_two_signals_is_seen_as_what_it_is(law: tuple[Any, ...], expect
     assert expected in told(curves(left(*law))[0].effect)
 
 
+def test_a_spring_that_a_tooth_winds_is_seen_as_a_curve_of_its_motor() -> None:
+    """By two records, at rests 99 rad of the motor apart."""
+    best = curves(left("damaged-tooth", 1e-3, 1.0, rests=RESTS[2:]))[0].effect
+    assert isinstance(best, LearnedLaw) and "mesh at the spring" in told(best) and best.joint == JOINT
+    assert best.law(replace(state(1.0), deflection=5.0, tau=7.0)) == best.law(state(1.0)), "of nothing else"
+
+
 def test_a_spring_as_stiff_as_where_its_motor_is_is_drawn_to_the_noise() -> None:
     """With its stiffness, fitted besides, held: one of both is told."""
     law = "mesh-stiffness", 100.0, TEETH
@@ -432,6 +475,7 @@ def added(tools: Bench, state: Fitted, effect: Effect) -> Fitted:
     [
         ("spring", "position", "spring-hardening", (2.0,), [-2.0, 0.25, 16.0]),
         ("spring", "position", "backlash", (1.0,), [2500.0, -2500.0, -2500.0]),
+        ("spring", "mesh", "transmission-error", (1e-3, 1.0, 0.5), [5.0 * np.sin(x + 0.5) for x in (-1.0, 0.5, 2.0)]),
         ("motor", "velocity", "motor-quadratic-drag", (3.0,), [3.0, -0.75, -12.0]),
         ("motor", "drive", "motor-quadratic-drag", (3.0,), None),
         ("motor", "sliding", "motor-quadratic-drag", (3.0,), None),

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from ident.frf import estimate
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
 from ident.refits import Bench, State, excess, linearised
-from ident.rounds import _best, _gaining, _two
+from ident.rounds import _best, _gaining, _two, _with_second
 from ident.trials import giving
 from ident.tried import again, refitted
 from symgen.plan import chain_of_robot, plan_of_robot
@@ -83,6 +85,29 @@ def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:
     assert excess(bench, state) < 1.1
     assert state.effects[0]["inertia"] == pytest.approx(7e-4, rel=0.02)
     assert state.effects[1]["error"] == pytest.approx(-0.046, rel=0.02)
+
+
+@pytest.mark.parametrize("names", [False, True])
+def test_no_second_effect_is_looked_for_once_it_is_late(names: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before anything was tried beside the first, or once `names` were."""
+    bench: Any = SimpleNamespace(late=not names)
+    asked: list[str] = []
+
+    def likely(*of: object) -> list[Tried]:
+        bench.late = True
+        asked.append("names")
+        return []
+
+    nothing: Any = SimpleNamespace(
+        problem=None, minimum=SimpleNamespace(vector=None, chi2=0.0), effects=(LinkCoulomb(1, (0.1,)),)
+    )
+    monkeypatch.setattr(ident.rounds, "linearised", lambda *of: asked.append("linearised"))
+    monkeypatch.setattr(ident.rounds, "likely_names", likely)
+    monkeypatch.setattr(ident.rounds, "hasty", lambda *of: pytest.fail("looked for"))
+    tried: Any = [(SimpleNamespace(effect=nothing.effects[0], key="rubs"), nothing)]
+    assert _with_second(bench, nothing, nothing, (), tried, nothing, 0.0, asked.append) is None
+    assert asked == ["linearised", "names"] * names
+    assert _two(bench, nothing, tried, nothing, 0.0, asked.append) is None and len(asked) == 2 * names
 
 
 def test_an_effect_to_which_another_only_led_is_added_alone(begun: Begun) -> None:

@@ -24,15 +24,18 @@ from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag
 from ident.effects.learned import learned
 from ident.effects.spring import SpringHardening, TransmissionError
 from ident.effects.structure import AttachedResonator, LinkFlexibility
-from ident.finer import finely, leader_finely
+from ident.finer import curve_finely, finely, leader_finely
 from ident.naming import of_any_order, plainer
 from ident.refits import FINELY, HASTILY
 from ident.trials import _finalists, _ringing, ahead, outshines, polished
-from ident.tried import refitted
+from ident.tried import by_few_lines, refitted
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
 BENCH: Any = SimpleNamespace(late=False)
+LOADED, SLIDING, PLACE = (
+    learned("link", name, [-1.0, 0.0, 1.0])(1, (0.1, 0.1, 0.1)) for name in ("loaded", "sliding", "friction")
+)
 DRY, HARD = LinkCoulomb(1, (0.1,)), SpringHardening(1, (1e7,))
 WAVE = TransmissionError(1, (1e-4, 2.0, 0.0))
 
@@ -142,6 +145,50 @@ def test_what_promises_much_less_than_what_leaves_nothing_is_not_tried(
 def test_no_finalist_is_far_behind_the_best() -> None:
     tried = [one(DRY, 30.0), one(HARD, 310.0), one(WAVE, 290.0), one(MotorCoulomb(1, (0.1,)), 500.0), one(CURVE, 299.0)]
     assert _finalists(BENCH, tried, 1000.0 * DOF) == [tried[0], tried[2], tried[4]]
+
+
+def test_dry_friction_that_curves_draw_alike_in_haste_is_fitted_finely_by_each() -> None:
+    """A name leads; a curve that is not dry is as good finely as in haste."""
+    tried = [one(DRY, 77.0), one(LOADED, 326.0), one(PLACE, 333.0), one(CURVE, 340.0), one(SLIDING, 700.0)]
+    assert _finalists(BENCH, tried, 1000.0 * DOF) == tried[:3]
+    assert _finalists(BENCH, tried[1:], 1000.0 * DOF) == tried[1:3]
+
+
+@pytest.mark.parametrize(("as_good", "levels"), [(180.0, [25.0, 30.0, 0.9]), (310.0, [25.0, 30.0, 310.0])])
+def test_where_a_curve_leads_all_that_rubs_as_well_in_haste_is_fitted_finely(
+    as_good: float, levels: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finer = {LOADED: 25.0, SLIDING: 30.0, PLACE: 0.9}
+    monkeypatch.setattr(ident.finer, "fitted", lambda bench, effect: one(effect, finer[effect], FINELY)[1])
+    monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    tried = [one(LOADED, 100.0), one(SLIDING, 150.0), one(PLACE, as_good), one(DRY, 500.0)]
+    found = curve_finely(BENCH, tried, lambda line: None)
+    assert [state.select / DOF for _, state in found] == [*levels, 500.0]
+
+
+@pytest.mark.parametrize("fits", [0, 2])
+def test_nothing_is_refitted_any_more_once_it_is_late(fits: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is late after so many fits."""
+    begun: list[Effect] = []
+
+    def fitted(bench: Any, refits: Any) -> Any:
+        for effect in refits:
+            begun.append(effect)
+            bench.late = len(begun) >= fits
+            yield one(effect, 20.0)[1]
+
+    names = [DRY, WAVE, HARD]
+    short: Any = [(SimpleNamespace(effect=e, gain=500.0), None) for e in names]
+    bench: Any = SimpleNamespace(late=fits == 0)
+    monkeypatch.setattr(ident.tried, "with_candidate", lambda state, candidate, origin: candidate.effect)
+    monkeypatch.setattr(ident.tried, "all_fitted", fitted)
+    found = refitted(bench, one(DRY, 30.0)[1], short, lambda line: None)
+    assert [candidate.effect for candidate, _ in found] == names[:fits] == begun
+    nothing: Any = None
+    assert bench.late and by_few_lines(bench, nothing, nothing, [c for c, _ in short], lambda line: None) == []
+    assert (
+        polished(bench, tried := [one(CURVE, 100.0)], 1000.0 * DOF, lambda line: None) == tried and len(begun) == fits
+    )
 
 
 @pytest.mark.parametrize(("promised", "best"), [(1100.0, TransmissionError), (100.0, LinkCoulomb)])
