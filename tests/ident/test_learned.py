@@ -257,11 +257,12 @@ def test_an_encoder_misreads_by_its_curve() -> None:
 
 
 def test_a_law_that_comes_back_twice_in_what_the_records_cover_is_no_faster_one() -> None:
-    lin = left("detent", 2e-3, TEETH, 0.4, rests=NEAR)
+    teeth = TEETH + 1.0
+    lin = left("detent", 2e-3, teeth, 0.4, rests=NEAR)
     x = np.concatenate([motion.of("theta", [JOINT]) for motion in lin.motions["motor"]])
-    assert 1.5 < TEETH * np.ptp(x) / (2.0 * np.pi) < 3.0
+    assert 1.5 < teeth * np.ptp(x) / (2.0 * np.pi) < 3.0
     kind: type[Effect] = type(curves(lin)[0].effect)
-    assert kind.period == pytest.approx(2.0 * np.pi / TEETH)  # type: ignore[attr-defined]
+    assert kind.period == pytest.approx(2.0 * np.pi / teeth)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(("promised", "heights"), [(85.0, 25), (75.0, 13)])
