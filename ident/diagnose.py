@@ -20,6 +20,7 @@ from ident.choice import Tried
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, errors, told_of
+from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
@@ -304,7 +305,7 @@ def _loop(
         state, added = apart(bench, state, added, progress)
         state, added = exchanged(bench, state, added, progress)
         state, added = pruned(bench, state, added, progress)
-        for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:
+        for curve in [e for e in state.effects[:-1] if isinstance(e, Learned) and not was_named(e)]:
             state, added = renamed(bench, state, curve, added, start.select, progress)
         missing = missing if state is tried_from else ()
     if added and state is not begun_afresh and not bench.late and may_be_bent(bench, start, state):

@@ -75,7 +75,7 @@ def is_doubtful(bench: Bench, start: State, state: State, left: bool) -> bool:
 
 def may_be_bent(bench: Bench, start: State, state: State) -> bool:
     """Whether something is left because what was missing may have bent the arm: a little of what a curve draws always is."""
-    drawn = state.effects[-1].name == "unknown"
+    drawn = isinstance(state.effects[-1], Learned)
     return excess(bench, state) > NAMED and not (drawn and is_little(bench, start, state))
 
 
