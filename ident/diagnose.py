@@ -45,6 +45,7 @@ from ident.rest import (
     LEFT,
     is_doubtful,
     is_little,
+    is_of_one_joint,
     is_suspect,
     is_uneven,
     left_over,
@@ -175,6 +176,10 @@ class Begun:
                 if share_left(*by_lines, other) < share_left(bench, start, state):
                     (bench, start), state, added = by_lines, other, more
                     left = left_over(bench, start, state)
+        if left and is_of_one_joint(bench, start, state, added):
+            progress(f"not named, as it leaves {excess(bench, state):.4g}: {added[0].effect.name}")
+            state, added = start, []
+            left = left_over(bench, start, state)
         found, contradictions = state, () if left else contradicted(bench, state)
         state, off = merged(state, contradictions)
         state = settled(bench, state)
