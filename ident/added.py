@@ -11,7 +11,7 @@ from ident.candidates import catalogue
 from ident.choice import ALIKE, LEAST_SHARE, chosen
 from ident.curves import curves
 from ident.effects.base import Effect, Law
-from ident.effects.learned import LearnedLaw, at_knots, learned
+from ident.effects.learned import Learned, LearnedLaw, at_knots, learned
 from ident.minima import LEAST_GAIN, fully, told
 from ident.parts import degrees
 from ident.refits import (
@@ -83,7 +83,7 @@ def exchanged(
         likely = [Refit.of(one) for one in hastily if one.select < HASTILY_MORE * state.select]
         best = min(all_fitted(bench, likely), key=lambda one: one.select, default=state)
         least = max(LEAST_GAIN, LEAST_SHARE * (state.select - dof))
-        by_curve = added[-1].effect.name == "unknown"
+        by_curve = isinstance(added[-1].effect, Learned)
         if best.select > state.select - least or (by_curve and excess(bench, best) > CLOSE):
             continue
         new = next(e for e in best.effects if all(not same(e, old) for old in state.effects))
@@ -100,7 +100,7 @@ def pruned(
     added = _of_model(state, added)
     last = added[-1].effect
     for old in state.effects[:-1]:
-        by_curve = last.name == "unknown" and old.name != "unknown"
+        by_curve = isinstance(last, Learned) and old.name != "unknown"
         if by_curve and not outdone(old, added):
             continue  # a curve can play any law of its variable: it takes no name away
         less = without(bench, state, old)
@@ -206,7 +206,8 @@ def was_named(curve: Effect) -> bool:
 def outdone(named: Effect, added: Sequence[Added]) -> bool:
     """Whether curves at the port of a named effect do so much besides it, or in its place, that it is hardly the right name."""
     alone = next(a for a in added if same(a.effect, named))
-    here = [a for a in added if (a.effect.name, a.effect.port, a.effect.joint) == ("unknown", named.port, named.joint)]
+    drawn = [a for a in added if isinstance(a.effect, Learned)]
+    here = [a for a in drawn if (a.effect.port, a.effect.joint) == (named.port, named.joint)]
     names = [p.name for p in alone.effect.parameters if p.zero is not None and not (p.whole or p.aside)]
     sizes = [(abs(named[name]), abs(alone.effect[name])) for name in names]
     less = bool(here) and bool(sizes) and all(now < OUTDONE * then for now, then in sizes)

@@ -65,11 +65,12 @@ def units(lin: Linearised, effect: type[Effect], joint: int | None) -> tuple[flo
 
 
 def _sizes(lin: Linearised, port: str, joint: int) -> dict[str, float]:
-    """Largest rms torque, angle and rate at a port over the records, K and the link's inertia J_ii of its joint: of the scales of a
+    """Largest rms torque, angle and rate at a port over the records, K and the inertia, J_m or the link's J_ii, of its joint: of the scales of a
     parameter those that an effect may have of which the fitted arm has to be told."""
     angle, rate, torque = lin.swings[side_of(port), joint]
-    K = float(lin.problem.parameters(lin.vector).K[joint])
-    J = max(float(arm.J[joint, joint]) for _, arm in lin.arms)
+    drives = lin.problem.parameters(lin.vector)
+    K = float(drives.K[joint])
+    J = float(drives.J_m[joint]) if port == "motor" else max(float(arm.J[joint, joint]) for _, arm in lin.arms)
     tiny = 1e-300
     return {"torque": torque + tiny, "angle": angle + tiny, "rate": rate + tiny, "K": K, "J": J}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ident.candidates import Candidate
-from ident.effects.base import Effect, has_forces, only_forces
+from ident.effects.base import Effect, has_forces, only_forces, only_impedance
 from ident.effects.catalogue import CATALOGUE
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
@@ -98,6 +98,14 @@ def drawn_whole(bench: Bench, tried: Sequence[Tried]) -> bool:
     """Whether a curve of a force is the only one of `tried` that leaves nothing: its name, if it has one, is looked for where it is."""
     best = min(tried, key=left_by, default=None)
     return best is not None and is_curve(best) and has_forces(best[1].effects[-1]) and excess(bench, best[1]) <= NAMED
+
+
+def rings_ahead(tried: Sequence[Tried]) -> bool:
+    """Whether the best of `tried` is a mass that rings, of no name, and leaves hardly anything of what any name does."""
+    best, named = min(tried, key=left_by, default=None), best_names(tried)
+    if best is None or not named or not is_curve(best) or not only_impedance(best[0].effect):
+        return False
+    return left_by(best) <= AHEAD * left_by(named[0])
 
 
 def hardly_bent(bench: Bench, state: State, tried: Sequence[Tried]) -> bool:

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from ident.campaign import Array
-from ident.candidates import Candidate, added, bounds, side_of, units
+from ident.candidates import Candidate, added, best_of, bounds, side_of, units
 from ident.effects.base import Effect
 from ident.effects.learned import KINDS, VARIABLES, Learned, learned, of_place, variable
 from ident.effects.response import Response, response
+from ident.effects.ringing import Ringing
 from ident.frf import Complex
 from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
@@ -84,6 +85,15 @@ def responses(lin: Linearised, least: float, workers: int = 1) -> list[Candidate
         for (_, one), (_, fine) in zip(coarse, finer, strict=True)
     ]
     return sorted(found, key=lambda c: -c.gain)
+
+
+def resonances(lin: Linearised, taken: Sequence[Effect], least: float, workers: int = 1) -> list[Candidate]:
+    """A mass that rings at every joint's motor, if it promises more than `least`, best first; none where one is `taken`."""
+    lin.prepare()
+    rung = {effect.joint for effect in taken if isinstance(effect, Ringing)}
+    joints = [joint for joint in range(lin.problem.n) if joint not in rung]
+    found = forked(lambda joint: best_of(lin, Ringing, joint), joints, workers)
+    return sorted((c for c in found if c is not None and c.gain > least), key=lambda c: -c.gain)
 
 
 def _responding(

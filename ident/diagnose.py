@@ -20,6 +20,7 @@ from ident.choice import Tried
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, errors, told_of
+from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
@@ -44,6 +45,7 @@ from ident.rest import (
     LEFT,
     is_doubtful,
     is_little,
+    is_of_one_joint,
     is_suspect,
     is_uneven,
     left_over,
@@ -174,6 +176,10 @@ class Begun:
                 if share_left(*by_lines, other) < share_left(bench, start, state):
                     (bench, start), state, added = by_lines, other, more
                     left = left_over(bench, start, state)
+        if left and is_of_one_joint(bench, start, state, added):
+            progress(f"not named, as it leaves {excess(bench, state):.4g}: {added[0].effect.name}")
+            state, added = start, []
+            left = left_over(bench, start, state)
         found, contradictions = state, () if left else contradicted(bench, state)
         state, off = merged(state, contradictions)
         state = settled(bench, state)
@@ -304,7 +310,7 @@ def _loop(
         state, added = apart(bench, state, added, progress)
         state, added = exchanged(bench, state, added, progress)
         state, added = pruned(bench, state, added, progress)
-        for curve in [e for e in state.effects[:-1] if e.name == "unknown" and not was_named(e)]:
+        for curve in [e for e in state.effects[:-1] if isinstance(e, Learned) and not was_named(e)]:
             state, added = renamed(bench, state, curve, added, start.select, progress)
         missing = missing if state is tried_from else ()
     if added and state is not begun_afresh and not bench.late and may_be_bent(bench, start, state):

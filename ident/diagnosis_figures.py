@@ -12,6 +12,7 @@ from ident.canvas import CAD, DATA, FIT, MUTED, dots, drawing, logarithmic
 from ident.effect_words import abscissa, ordinate
 from ident.effects.learned import LearnedCurve
 from ident.effects.response import Response
+from ident.effects.ringing import Ringing
 from ident.held_out import Force, Gains, HeldOut, heights
 
 if TYPE_CHECKING:
@@ -177,6 +178,34 @@ def response_figure(effect: Response, std: Sequence[float], found: Gains | None)
         _key(row[0], "")
         figure.legend(*row[0].get_legend_handles_labels(), loc="upper center", ncol=3)
         return svg("Gain and delay against frequency")
+
+
+def resonance_figure(effect: Ringing, found: Gains) -> str:
+    """Returns the inertia that a motor feels of a mass that rings with it as SVG: size and phase by frequency, and what was `found` without
+    it."""
+    curve = effect.curve()
+    f, size, phase = (np.array(curve[key]) for key in ("knots", "heights", "phases"))
+    with drawing(7.4, 2.9, f"resonance {effect.joint}") as (figure, svg):
+        row = figure.subplots(1, 2)
+        figure.subplots_adjust(left=0.1, right=0.985, top=0.86, bottom=0.18, wspace=0.26)
+        off = np.angle(found.measured / found.law)  # never further than half a turn from the effect
+        for axes, y, own, name in (
+            (row[0], size, np.abs(found.measured), "inertia felt [kg m²]"),
+            (row[1], np.degrees(phase), np.degrees(np.angle(found.law) + off), "phase [deg]"),
+        ):
+            logarithmic(axes.set_xscale, axes.xaxis)
+            axes.plot(f, y, color=FIT, linewidth=0.5 * WIDE, zorder=LAW)
+            near = (found.f > f[0] / ROOM) & (found.f < f[-1] * ROOM)
+            dots(axes, found.f[near], own[near], DATA, SMALL, RECORDS)
+            axes.set_xlim(f[0] / ROOM, f[-1] * ROOM)
+            axes.set_xlabel("frequency [Hz]")
+            axes.set_ylabel(name)
+        logarithmic(row[0].set_yscale, row[0].yaxis)
+        row[0].set_ylim(0.5 * float(size.min()), 2.0 * float(size.max()))
+        row[1].set_ylim(-270.0, 90.0)
+        _key(row[0], "")
+        figure.legend(*row[0].get_legend_handles_labels(), loc="upper center", ncol=2)
+        return svg("Inertia that the motor feels, and its phase, against frequency")
 
 
 def _knots(axes: Axes, x: Array, y: Array, std: Array) -> None:

@@ -24,7 +24,7 @@ from ident.diagnose import Diagnosis
 from ident.effects.base import Effect
 from ident.effects.carried import of_declared_links
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.learned import Learned
+from ident.effects.learned import Unnamed
 from ident.evidence import Evidence
 from ident.held_out import carried
 from ident.inputs import told
@@ -256,7 +256,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
         "rivals": [{"name": name, "joint": _joint(c, joint), "after": error} for name, joint, error in rivals],
         "confounded_with": _confounded(d, e.name, e.joint, tied),
     }
-    if isinstance(e, Learned):
+    if isinstance(e, Unnamed):
         entry["curve"] = e.curve(d.model.chain.slides(e.joint))
     return entry
 

@@ -27,7 +27,8 @@ from ident.effect_words import (
 from ident.effects.base import Effect
 from ident.effects.learned import LearnedCurve
 from ident.effects.response import Response
-from ident.held_out import HeldOut, gains, held_out, reconstructed, with_few_lines
+from ident.effects.ringing import Ringing
+from ident.held_out import HeldOut, felt, gains, held_out, reconstructed, with_few_lines
 from ident.parts import degrees
 from ident.trace import PORTS
 from ident.verdict import entry, number
@@ -297,13 +298,15 @@ def _law(d: Diagnosis, effect: Effect, std: tuple[float, ...]) -> dict[str, Mark
     """The figure of an effect's law, where it has a port, and the records that it shows."""
     from markupsafe import Markup
 
-    from ident.diagnosis_figures import curve_figure, gains_figure, law_figure, response_figure
+    from ident.diagnosis_figures import curve_figure, gains_figure, law_figure, resonance_figure, response_figure
 
     slides = effect.joint is not None and d.model.chain.slides(effect.joint)
-    through = gains(d, effect)
+    through = felt(d, effect) if isinstance(effect, Ringing) else gains(d, effect)
     forces = () if through else reconstructed(d, effect, DRAWN if isinstance(effect, LearnedCurve) else 1)
     records = through.records if through else tuple(force.record for force in forces)
-    if isinstance(effect, Response):
+    if isinstance(effect, Ringing) and through:
+        kind, figure = "resonance", resonance_figure(effect, through)
+    elif isinstance(effect, Response):
         kind, figure = "curve", response_figure(effect, std, through)
     elif through:
         kind, figure = "gain", gains_figure(through)

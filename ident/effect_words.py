@@ -11,8 +11,8 @@ from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import KINDS
 from ident.verdict import number
 
-#: What verdict.json calls "unknown".
-UNKNOWN = "an unknown law"
+#: What verdict.json calls "unknown": what is drawn, and what rings.
+UNKNOWN, RESONANCE = "an unknown law", "an unknown resonance"
 #: Which number of a drive an effect says is off.
 FIELDS = {name: field for field, name in NAMES.items()}
 #: Units as figures write them.
@@ -21,7 +21,9 @@ WRITTEN = {"Nm": "N m", "Nms/rad": "N m s/rad", "Nm/rad": "N m/rad", "Ns/m": "N 
 
 def name_of(effect: dict[str, Any]) -> str:
     """The name of an effect."""
-    return UNKNOWN if effect["name"] == "unknown" else str(effect["name"])
+    if effect["name"] == "unknown":
+        return RESONANCE if variable_of(effect) == "resonance" else UNKNOWN
+    return str(effect["name"])
 
 
 def named(effect: dict[str, Any]) -> str:
@@ -50,7 +52,7 @@ def joined(names: Sequence[str], last: str = "and") -> str:
 def meaning(effect: dict[str, Any]) -> str:
     """What an effect is, in a sentence: the first line of its class in the catalogue."""
     if effect["name"] == "unknown":
-        if variable_of(effect) == "frequency":
+        if variable_of(effect) in ("frequency", "resonance"):
             return f"What no name of the catalogue describes, learned from the records: {_kind_of(effect)}."
         what = "An error of the encoder" if variable_of(effect) == "reading" else "A torque"
         return f"{what} that no law of the catalogue describes, learned from the records as {_kind_of(effect)}."
@@ -70,7 +72,13 @@ def variable_of(effect: dict[str, Any]) -> str:
 def values(effect: dict[str, Any]) -> str:
     """Its numbers in one line, or what its curve is of, how large and how far."""
     if effect["name"] == "unknown":
-        return f"{_kind_of(effect)}, {extent(effect)}" if "curve" in effect else _kind_of(effect)
+        more = _numbers(effect) if variable_of(effect) == "resonance" else extent(effect) if "curve" in effect else ""
+        return ", ".join(filter(None, [_kind_of(effect), more]))
+    return _numbers(effect)
+
+
+def _numbers(effect: dict[str, Any]) -> str:
+    """Its parameters in one line."""
     said, parts = remarks(effect), []
     by = "off by " if effect["declared"] and effect["name"] in FIELDS else ""
     for name, p in effect["parameters"].items():
@@ -137,6 +145,8 @@ def _kind_of(effect: dict[str, Any]) -> str:
     if curve["variable"] == "frequency":
         signal = "angle that is measured" if port == "sensor" else "torque that is commanded"
         return f"gain and delay of the {signal}, as curves of frequency"
+    if curve["variable"] == "resonance":
+        return f"a mass that rings at {effect['parameters']['frequency']['value']:.3g} Hz at the {port}"
     again = f", again every {curve['period']:.4g} {curve['period_unit']}" if curve.get("period") else ""
     return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
 

@@ -18,6 +18,7 @@ from ident.diagnose import Diagnosis
 from ident.effects.base import Effect, Law, has_forces, only_gains
 from ident.effects.learned import LearnedCurve, factor, variable
 from ident.effects.motion import Motion
+from ident.effects.ringing import Ringing
 from ident.evidence import Evidence
 from ident.excitation import synthesise
 from ident.frf import Complex
@@ -229,6 +230,25 @@ def gains(d: Diagnosis, effect: Effect) -> Gains | None:
         measured.append(own)
         law.append(gain[:, joint])
     return Gains(tuple(records), *(np.concatenate(rows) for rows in (f, measured, law))) if records else None
+
+
+def felt(d: Diagnosis, effect: Ringing) -> Gains:
+    """Returns the inertia [kg m2] that the motor feels of a mass that rings with it, at the excited lines of the records that excite its
+    joint."""
+    lin, joint = _without_it(d, effect), effect.joint
+    assert joint is not None
+    records, f, measured = [], [np.empty(0)], [np.empty(0, dtype=complex)]
+    for at, one in enumerate(lin.problem.data):
+        if ("motor", joint) not in lin.ports[at]:
+            continue
+        use, k = one.is_excited, int(np.flatnonzero(one.scene.arm.live == joint)[0])
+        pushed = along(lin.ports[at]["motor", joint], lin.r[at])[0][use]
+        records.append(one.index)
+        f.append(one.sampling.f[use])
+        measured.append(-pushed / (one.scene.s[use] ** 2 * one.scene.theta[use, k]))
+    there = np.concatenate(f)
+    law = effect.felt(np.asarray(2j * np.pi * there, dtype=complex))
+    return Gains(tuple(records), there, np.concatenate(measured), law)
 
 
 def carried(d: Diagnosis, effect: Effect) -> tuple[dict[str, float], dict[str, float]]:

@@ -72,7 +72,7 @@ def fully(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if bench.late:
         return fitted(bench, Refit.of(state))
-    if last.name == "unknown":  # heights of a curve mean nothing by themselves
+    if isinstance(last, Learned):  # heights of a curve mean nothing by themselves
         return _bending(bench, fitted(bench, replace(Refit.of(state), outer=FULLY)))
     # what a curve leaves, which it does not draw, is no valley
     by_curve = _drawn(state)

@@ -49,7 +49,7 @@ def values_of(
     if p.name == "frequency":
         top = max(float(one.sampling.f[-1]) for one in lin.problem.data)
         grid = np.geomspace(max(p.low, SLOWEST), BEYOND * top, FREQUENCIES).tolist()
-        return (*_resonances(lin, joint or 0), *grid)
+        return (*_resonances(lin, "motor" if kind.port == "motor" else "link", joint or 0), *grid)
     if p.relative == "K" and p.zero is None:
         return tuple((unit * np.geomspace(SOFTER * min(p.sizes), STIFFER * max(p.sizes), STIFFNESSES)).tolist())
     if p.zero is None:
@@ -57,19 +57,19 @@ def values_of(
     return (unit * p.sizes[0],)
 
 
-def _resonances(lin: Linearised, joint: int) -> tuple[float, ...]:
-    """Frequencies [Hz] at which the link of a joint seems to carry most: peaks of the dynamic stiffness that is missing there."""
+def _resonances(lin: Linearised, side: str, joint: int) -> tuple[float, ...]:
+    """Frequencies [Hz] at which a `side` of a joint, its motor or its link, seems to carry most: peaks of the dynamic stiffness that is missing there."""
     pushed: dict[float, complex] = {}
     square: dict[float, float] = {}
     for at, one in enumerate(lin.problem.data):
         live = one.scene.arm.live.tolist()
         if joint not in live:
             continue
-        a = lin.ports[at]["link", joint]
+        a = lin.ports[at][side, joint]
         force = np.sum(a.conj() * lin.r[at], axis=1)
         weight = np.sum(np.abs(a) ** 2, axis=1)
-        q = lin.positions["link"][at][:, len(live) + live.index(joint)]
-        for f, top, bottom in zip(one.sampling.f.tolist(), q.conj() * force, np.abs(q) ** 2 * weight, strict=True):
+        x = lin.positions[side][at][:, live.index(joint) + (len(live) if side == "link" else 0)]
+        for f, top, bottom in zip(one.sampling.f.tolist(), x.conj() * force, np.abs(x) ** 2 * weight, strict=True):
             pushed[f] = pushed.get(f, 0j) + complex(top)
             square[f] = square.get(f, 0.0) + float(bottom)
     f = np.array(sorted(pushed))

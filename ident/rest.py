@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
+from ident.added import Added
 from ident.candidates import surest
 from ident.departures import Departure, departures, groups
 from ident.effects.base import Effect, Law, has_forces
@@ -13,7 +14,7 @@ from ident.effects.learned import Learned
 from ident.minima import winds_up
 from ident.parts import degrees, few_lines, sampled
 from ident.refits import CLOSE, FEW_SAMPLES, NAMED, Bench, State, excess, linearised
-from ident.trials import ENOUGH
+from ident.trials import BENT, ENOUGH
 
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
 #: many times where something is left and they may.
@@ -75,7 +76,7 @@ def is_doubtful(bench: Bench, start: State, state: State, left: bool) -> bool:
 
 def may_be_bent(bench: Bench, start: State, state: State) -> bool:
     """Whether something is left because what was missing may have bent the arm: a little of what a curve draws always is."""
-    drawn = state.effects[-1].name == "unknown"
+    drawn = isinstance(state.effects[-1], Learned)
     return excess(bench, state) > NAMED and not (drawn and is_little(bench, start, state))
 
 
@@ -104,6 +105,15 @@ def _mended(effects: Sequence[Effect]) -> bool:
     """Whether a named law acts where a learned curve does, too: the name may be another's."""
     curves = {(e.port, e.joint) for e in effects if isinstance(e, Learned)}
     return any((e.port, e.joint) in curves and not (e.declared or isinstance(e, Learned)) for e in effects)
+
+
+def is_of_one_joint(bench: Bench, start: State, state: State, added: Sequence[Added]) -> bool:
+    """Whether the first effect found is one of the whole arm, and all found leaves much, of which a free force at one port of a joint would
+    have explained more: what bends the whole arm plays a little of anything."""
+    if not added or added[0].effect.joint is not None or bench.model.chain.n == 1 or excess(bench, state) <= BENT:
+        return False
+    by_port = max((share for _, _, share in added[0].port_shares), default=0.0)
+    return by_port > 1.0 - share_left(bench, start, state)
 
 
 def share_left(bench: Bench, start: State, state: State) -> float:

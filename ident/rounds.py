@@ -20,11 +20,13 @@ from ident.choice import (
     is_curve,
     left_by,
     plainest,
+    rings_ahead,
     rivals,
     vanished,
 )
 from ident.departures import errors, told_of
 from ident.effects.base import Effect, Law
+from ident.effects.learned import Learned
 from ident.gains import named_gains
 from ident.minima import LEAST_GAIN, fully, since, told
 from ident.naming import of_any_order, plainer
@@ -108,7 +110,7 @@ def another(
         new = [e for e in names.effects if all(not same(e, old) for old in state.effects)]
         if new:
             return names, [_entry(bench, state, names, state.select - names.select, tried, lin, e) for e in new]
-    drawn = best is not None and is_curve(best)
+    drawn = best is not None and isinstance(best[1].effects[-1], Learned)
     if one is not None and not (drawn and excess(bench, one[0]) > CLOSE**2):
         return one[0], [one[1]]
     two = (
@@ -251,7 +253,7 @@ def _best(
         if isinstance(best[1].effects[-1], Law) and excess(bench, best[1]) <= CLOSE**2:
             plain, likely = names_alike(best[1])
             tried += refitted(bench, plain, likely, progress)
-        for name in best_names(tried)[:1]:  # which may do as well at its minimum
+        for name in [] if rings_ahead(tried) else best_names(tried)[:1]:  # which may do as well at its minimum
             tried = [(one[0], fully(bench, one[1])) if one is name else one for one in tried]
         best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best[1].select) or (is_curve(best) and left_by(best) > state.select):

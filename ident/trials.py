@@ -19,9 +19,10 @@ from ident.choice import (
     is_curve,
     law_leads,
     left_by,
+    rings_ahead,
 )
 from ident.contact import as_it_creeps, balanced, besides
-from ident.curves import curves, responses
+from ident.curves import curves, resonances, responses
 from ident.effects.base import Effect, only_impedance, overrides
 from ident.effects.structure import LockedJointElasticity
 from ident.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
@@ -215,15 +216,29 @@ def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], 
 
 
 def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
-    """The likeliest learned curves beyond a model, hastily refitted; frequency responses that promise more than any law, from the
-    declared arm, too, if the fit is very far off."""
-    laws, least = curves(lin, bench.workers)[:CURVES], LEAST_SHARE * beyond_noise(state, lin)
+    """The likeliest mass that rings at a motor beyond a model, hastily refitted; if that leaves anything, the likeliest learned curves;
+    frequency responses that promise more than any law, from the declared arm, too, if the fit is very far off."""
+    least = LEAST_SHARE * beyond_noise(state, lin)
+    rung = _rung(bench, state, lin, least, progress)
+    if any(left_by(one) < ENOUGH * state.select or excess(bench, one[1]) <= NAMED for one in rung):
+        return rung
+    laws = curves(lin, bench.workers)[:CURVES]
     ahead = responses(lin, max([least, *(c.gain for c in laws)]), bench.workers)[:CURVES]
     drawn = [(c, lin) for c in [*laws, *ahead] if c.gain > least]
     if ahead and excess(bench, state) > BENT:
         declared = linearised(state.problem, as_declared(bench, state))
         drawn += [(c, declared) for c in responses(declared, 0.0, bench.workers)[:CURVES]]
-    return refitted(bench, state, drawn, progress)
+    return rung + refitted(bench, state, drawn, progress)
+
+
+def _rung(bench: Bench, state: State, lin: Linearised, least: float, progress: Callable[[str], None]) -> list[Tried]:
+    """The likeliest mass that rings at a motor, if it promises so much at `least`, from the declared arm, too, if the fit is very far off."""
+    origins = [lin]
+    if excess(bench, state) > BENT:
+        origins.append(linearised(state.problem, as_declared(bench, state)))
+    rings = [(c, at) for at in origins for c in resonances(at, state.effects, least, bench.workers)[:1]]
+    rung = refitted(bench, state, rings, progress)
+    return rung + _ringing(bench, state, lin, rung, progress)
 
 
 def _from_declared(bench: Bench, state: State, found: Effect | None, progress: Callable[[str], None]) -> list[Tried]:
@@ -346,13 +361,15 @@ def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Calla
 
 def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried]:
     """The candidates to be fitted finely: where a name leaves nothing, those near the noise, or none if it is alone there; where none
-    is near, those not far behind the best, but none behind a law that is far ahead. Of the curves the best, and dry friction that is as
-    good in haste.
+    is near, those not far behind the best, but none behind a law that is far ahead, or behind what rings that is. Of the curves the best,
+    and dry friction that is as good in haste.
     """
     named, drawn = best_names(tried), curves_alike(tried)
     near = CLOSE**2 * degrees(bench.split.select)
     if not named:
         return drawn
+    if rings_ahead(tried):
+        return drawn[:1]
     left = excess(bench, named[0][1])
     if explains(bench, named[0][1], first, CLOSE**2):
         rivals = [one for one in named[:FINALISTS] + (drawn if left > NAMED else []) if left_by(one) <= near]

@@ -6,6 +6,7 @@ over a small part of that, but the records of a campaign rest at many places, an
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
@@ -82,10 +83,19 @@ VARIABLES = {
 TABLED = 512
 
 
-class Learned(Effect):
-    """A curve of a `variable`, whose heights at `knots` are its parameters; with a `period` it repeats itself."""
+class Unnamed(Effect):
+    """What no name of the catalogue describes: a curve tells it in plain numbers."""
 
     name = "unknown"
+
+    @abstractmethod
+    def curve(self, slides: bool = False) -> dict[str, Any]:
+        """What it is at `knots` of its `variable`, where its joint `slides`, or turns; `at` is the knot of every parameter that is a height."""
+
+
+class Learned(Unnamed):
+    """A curve of a `variable`, whose heights at `knots` are its parameters; with a `period` it repeats itself."""
+
     variable: ClassVar[str]
     knots: ClassVar[tuple[float, ...]]
     period: ClassVar[float | None] = None

@@ -1,17 +1,18 @@
 """Effects that are in no catalogue: written for tests only, so that a diagnosis meets what nobody has named for it.
 
-All but two are torques that follow from what their port does, one is a filter and one an encoder's error; so a learned curve has a
-chance where no name has.
+All but three are torques that follow from what their port does, one is a filter, one an encoder's error, one a mass that rings; so what
+is learned has a chance where no name has.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, final
 
 import numpy as np
+from scipy.linalg import expm
 
-from ident.effects.base import Effect, Law, Parameter, Path
+from ident.effects.base import Effect, Law, Parameter, Path, PortLaw
 from ident.effects.motion import Motion, State, direction
 
 
@@ -305,6 +306,43 @@ class CurrentLoop(Effect):
         return Path(lags=(self["time"], self["time"]))
 
 
+@final
+class BrakeDisc(PortLaw):
+    """The disc of a brake, or a fan, that a motor turns by a spring: it rings."""
+
+    name, port, linear = "brake-disc", "motor", True
+    parameters = (
+        Parameter("inertia", "kgm2", 0.0, 10.0, (0.1,), relative="J"),
+        Parameter("frequency", "Hz", 0.5, 1e3, (50.0,), zero=None),
+        Parameter("damping", "s", 0.0, 0.1, (2e-4,), zero=None),
+    )
+
+    def start(self, step: float) -> tuple[Callable[[State], float], Callable[[State], None]]:
+        """Exact where the motor's acceleration is even from before where it was last remembered."""
+        J, frequency, damping = self.values
+        square = (2.0 * np.pi * frequency) ** 2
+        moving = np.diag([1.0, 0.0, 1.0, 1.0], 1)  # of the disc's angle and rate, the motor's angle, rate, acceleration
+        moving[1] = [-square, -square * damping, square, square * damping, 0.0]
+        whole, half = expm(moving * step), expm(moving * 0.5 * step)
+        disc: list[float] = []  # its angle and rate, the motor's angle, and that a step before
+
+        def begin(at: State, later: float) -> np.ndarray:
+            angle, rate, here, before = disc or (at.theta, 0.0, at.theta, at.theta)
+            came, goes = (here - before) / step, (at.theta - here) / later
+            acceleration = 2.0 * (goes - came) / (step + later)
+            return np.array([angle, rate, here, goes - 0.5 * later * acceleration, acceleration])
+
+        def remember(at: State) -> None:
+            state = whole @ begin(at, step)
+            disc[:] = [*state[:2].tolist(), at.theta, disc[2] if disc else at.theta]
+
+        def law(at: State) -> float:
+            angle, rate, theta, *_ = half @ begin(at, 0.5 * step)
+            return float(J * square * (angle - theta + damping * (rate - at.omega)))
+
+        return law, remember
+
+
 OUTSIDE: dict[str, type[Effect]] = {
     kind.name: kind
     for kind in (
@@ -328,6 +366,7 @@ OUTSIDE: dict[str, type[Effect]] = {
         RubberDamper,
         EncoderWaves,
         CurrentLoop,
+        BrakeDisc,
     )
 }
 
@@ -352,5 +391,6 @@ OUTSIDE_RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "rubber-damper": {"damping": (0.02, 0.1), "at": (0.9, 1.1)},
     "encoder-waves": {"amplitude": (0.003, 0.03), "order": ("one of", 3, 5, 8)},
     "current-loop": {"time": (2e-4, 1e-3)},
+    "brake-disc": {"inertia": (0.05, 0.3), "frequency": (15.0, 80.0), "damping": (5e-5, 2e-3)},
     "mesh-stiffness": {"stiffness": (0.02, 0.1), "order": ("one of", 2, 4)},
 }  # fmt: skip

@@ -27,12 +27,13 @@ from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.friction import LinkViscous, MotorCoulomb
 from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.learned import learned
+from ident.effects.ringing import Ringing
 from ident.effects.spring import Backlash
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.parts import Split, split, split_lines, united
 from ident.refits import HASTILY, Bench, Refit, State, excess, fitted, linearised
-from ident.rest import _fits_alone, _hardly_chooses, is_little, may_be_bent, share_left
+from ident.rest import _fits_alone, _hardly_chooses, is_little, is_of_one_joint, may_be_bent, share_left
 from ident.trace import linearise
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
@@ -42,6 +43,8 @@ SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
 CELLS = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells] * 2
 LINK_VISCOUS = LinkViscous(1, (0.1,))
 FAINT = "input-delay:time=3e-6@joint2"
+#: A curve, whose heights mean nothing.
+DRAWN = learned("motor", "velocity", [-1.0, 1.0])(0, (0.1, -0.1))
 
 
 def _instead(monkeypatch: pytest.MonkeyPatch, stand_ins: dict[str, Any]) -> None:
@@ -401,21 +404,47 @@ def test_lines_of_every_record_begin_with_what_was_found_where_that_leaves_littl
 
 
 @pytest.mark.parametrize(
-    ("name", "left", "little", "bent"),
+    ("effect", "left", "little", "bent"),
     [
-        ("link-viscous", 1.2, True, True),
-        ("unknown", 1.2, True, False),
-        ("unknown", 5.0, False, True),
-        ("unknown", 1.0, True, False),
+        (LinkViscous(0, (0.1,)), 1.2, True, True),
+        (Ringing(0, (4e-6, 55.0, 1e-4)), 1.2, True, True),
+        (DRAWN, 1.2, True, False),
+        (DRAWN, 5.0, False, True),
+        (DRAWN, 1.0, True, False),
     ],
 )
 def test_a_little_of_what_a_curve_draws_is_always_left(
-    name: str, left: float, little: bool, bent: bool, monkeypatch: pytest.MonkeyPatch
+    effect: Effect, left: float, little: bool, bent: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ident.rest.excess", lambda bench, state: state.left)
     monkeypatch.setattr("ident.rest.is_little", lambda bench, start, state: little)
-    state: Any = SimpleNamespace(left=left, effects=(SimpleNamespace(name=name),))
+    state: Any = SimpleNamespace(left=left, effects=(effect,))
     assert may_be_bent(state, state, state) == bent
+
+
+@pytest.mark.parametrize(
+    ("joint", "left", "by_port", "of_one"),
+    [
+        pytest.param(None, 265.0, 0.9999, True, id="what bends the whole arm, and one joint would do"),
+        pytest.param(0, 265.0, 0.9999, False, id="an effect of one joint"),
+        pytest.param(None, 265.0, 0.9, False, id="no joint does as much"),
+        pytest.param(None, 20.0, 0.9999, False, id="it leaves little"),
+    ],
+)
+def test_what_bends_the_whole_arm_is_not_named_where_one_joint_would_explain_more(
+    joint: int | None, left: float, by_port: float, of_one: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ident.rest.excess", lambda bench, state: state.left)
+    monkeypatch.setattr("ident.rest.share_left", lambda bench, start, state: state.left / start.left)
+    bench, start = SimpleNamespace(model=SimpleNamespace(chain=SimpleNamespace(n=3))), SimpleNamespace(left=1e4)
+    state = SimpleNamespace(left=left)
+    added = [
+        SimpleNamespace(effect=SimpleNamespace(joint=joint), port_shares=(("motor", 0, by_port), ("link", 1, 0.1)))
+    ]
+    assert is_of_one_joint(bench, start, state, added) == of_one  # type: ignore[arg-type]
+    assert not is_of_one_joint(bench, start, state, [])  # type: ignore[arg-type]
+    bench.model.chain.n = 1
+    assert not is_of_one_joint(bench, start, state, added)  # type: ignore[arg-type]
 
 
 @pytest.mark.bench

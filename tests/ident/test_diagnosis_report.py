@@ -17,6 +17,8 @@ from ident.diagnosis_report import html, not_held_out, sentence, text, todo
 from ident.effects.learned import learned
 from ident.effects.motor import InputDelay
 from ident.effects.response import response
+from ident.effects.ringing import Ringing
+from ident.held_out import felt
 
 HOSTILE = "<script>alert(1)</script> {{ 7 }} & co"
 
@@ -207,6 +209,25 @@ def test_a_learned_curve_is_told_by_its_size_and_range_and_drawn_with_its_knots(
     _, figure = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
     assert "its knots ± σ" in figure and "from the records" in figure and "nan" not in figure.lower()
     ET.fromstring(figure)
+
+
+def test_a_mass_that_rings_is_told_by_its_numbers_and_drawn_as_the_inertia_that_its_motor_feels(file):
+    effect = Ringing(JOINT, (4e-6, 20.0, 1e-4))
+    d = with_effect(diagnosis(), effect, (1e-9, 1e-3, 1e-6))
+    v = verdict_document(d, [file])
+    (told,) = v["effects"]
+    assert (told["name"], told["port"], told["parameters"]["frequency"]["value"]) == ("unknown", "motor", 20.0)
+    assert max(told["curve"]["heights"]) > 50 * told["parameters"]["inertia"]["value"]
+    page = html(d, v)
+    assert (
+        "rings at 20 Hz" in text(v) and "1. an unknown resonance at joint2" in text(v) and "an unknown law" not in page
+    )
+    assert "hat inertia the motor feels" in page and "by 42 knots" not in page and "kgm2" in page
+    _, figure = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
+    assert "inertia felt [kg m²]" in figure and "nan" not in figure.lower()
+    ET.fromstring(figure)
+    found = felt(d, effect)
+    assert len(found.records) > 1 and len(found.f) == len(found.measured) == len(found.law)
 
 
 def test_a_delay_is_drawn_by_its_phase(file):

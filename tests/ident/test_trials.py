@@ -16,12 +16,13 @@ import ident.naming
 import ident.trials
 import ident.tried
 from ident.candidates import Candidate
-from ident.choice import drawn_whole, hardly_bent, law_leads, plainest, rivals, vanished
+from ident.choice import drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.creeping import creeping
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.learned import learned
+from ident.effects.ringing import Ringing
 from ident.effects.spring import SpringHardening, TransmissionError
 from ident.effects.structure import AttachedResonator, LinkFlexibility
 from ident.finer import curve_finely, finely, leader_finely
@@ -58,6 +59,14 @@ def test_none_leads_that_leaves_more_than_there_is_without_it() -> None:
     tried = [one(DRY, 260.0), one(MotorCoulomb(1, (0.1,)), 6e4)]
     assert law_leads(tried, 1000.0 * DOF) and ahead(BENCH, tried, 1000.0 * DOF) is tried[0]
     assert not law_leads(tried, 128.0 * DOF) and ahead(BENCH, tried, 128.0 * DOF) is None
+
+
+def test_no_name_is_fitted_finely_behind_a_mass_that_rings_and_is_far_ahead() -> None:
+    ring, name = one(Ringing(0, (4e-6, 55.0, 1e-4)), 13.0), one(AttachedResonator(1, (0.1, 30.0, 0.0)), 6000.0)
+    assert rings_ahead([name, ring]) and _finalists(BENCH, [name, ring], 1e4 * DOF) == [ring]
+    near = one(AttachedResonator(1, (0.1, 30.0, 0.0)), 400.0)
+    assert not rings_ahead([near, ring]) and near in _finalists(BENCH, [near, ring], 1e4 * DOF)
+    assert not rings_ahead([name, one(CURVE, 13.0)]) and not rings_ahead([ring]) and not rings_ahead([])
 
 
 @pytest.mark.parametrize(
