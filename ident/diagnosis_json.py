@@ -90,7 +90,7 @@ def verdict_document(
         "inertia": _inertia(d),
         "drives": _drives(d),
         "unexplained": unexplained(d),
-        "notes": list(notes),
+        "notes": [*notes, *(line for frf in d.responses for line in frf.status)],
         "made_with": made_with or {},
     }
     found: dict[str, Any] = plain(document)

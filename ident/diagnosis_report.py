@@ -106,6 +106,13 @@ def sentence(verdict: dict[str, Any], few: Collection[str] = ()) -> str:
     left = place(verdict["unexplained"][0]) if verdict["unexplained"] else "the records"
     if not effects:
         return f"Something acts that nothing in the catalogue explains: {left}."
+    before, after = (verdict["error"][when]["all"] for when in ("before", "after"))
+    if after > before and not verdict["unexplained"]:
+        names = joined([named_with_others(e) for e in effects])
+        return (
+            f"Something acts that nothing in the catalogue explains: with {names} the held-out error grows from "
+            f"{percent(before)} to {percent(after)}."
+        )
     return f"{found}; even so something stays unexplained: {left}."
 
 
@@ -241,6 +248,7 @@ def text(verdict: dict[str, Any], brief: bool = False, few: Collection[str] = ()
     worst = _worst(verdict)
     if worst and verdict["effects"]:
         lines += ["", f"J(q) without the effects: {worst[1]} off by {percent(worst[0])} rms over the workspace."]
+    lines += [""] * bool(verdict["notes"] and not brief) + [f"! {note}" for note in verdict["notes"] if not brief]
     return "\n".join(lines)
 
 
