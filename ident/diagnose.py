@@ -20,6 +20,7 @@ from ident.choice import Tried
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, errors, told_of
+from ident.each_record import in_each_record
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
 from ident.frf import Frf, estimate
@@ -298,6 +299,7 @@ def _loop(
         added += more
         if bench.late:
             break
+        state, added = in_each_record(bench, state, added, progress)
         missing, tried_from = (), state
         if may_be_bent(bench, start, state):  # is what was missing the way, or is more missing?
             missing = one_more(bench, state, progress)

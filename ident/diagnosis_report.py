@@ -25,6 +25,7 @@ from ident.effect_words import (
     values,
 )
 from ident.effects.base import Effect
+from ident.effects.by_record import ByRecord
 from ident.effects.learned import LearnedCurve
 from ident.effects.response import Response
 from ident.held_out import HeldOut, gains, held_out, reconstructed, with_few_lines
@@ -305,7 +306,7 @@ def _law(d: Diagnosis, effect: Effect, std: tuple[float, ...]) -> dict[str, Mark
     """The figure of an effect's law, where it has a port, and the records that it shows."""
     from markupsafe import Markup
 
-    from ident.diagnosis_figures import curve_figure, gains_figure, law_figure, response_figure
+    from ident.diagnosis_figures import curve_figure, gains_figure, law_figure, record_figure, response_figure
 
     slides = effect.joint is not None and d.model.chain.slides(effect.joint)
     through = gains(d, effect)
@@ -313,6 +314,8 @@ def _law(d: Diagnosis, effect: Effect, std: tuple[float, ...]) -> dict[str, Mark
     records = through.records if through else tuple(force.record for force in forces)
     if isinstance(effect, Response):
         kind, figure = "curve", response_figure(effect, std, through)
+    elif isinstance(effect, ByRecord):
+        kind, figure = "curve", record_figure(effect, std)
     elif through:
         kind, figure = "gain", gains_figure(through)
     elif not forces:
