@@ -158,6 +158,13 @@ FAMILIES = {
 CHANGES = ("change-between-records", "drift-over-records")
 
 
+#: What separates a joint that is another one at each posture from one that changed in time, where no posture was measured again.
+AGAIN = Separation(
+    "the first records once more, last: at the same posture a joint that changed in time is another one, a curve of place is not",
+    "repeat",
+)
+
+
 def separation(a: str, b: str, same_joint: bool = True) -> Separation:
     """Returns what tells effect `a` from effect `b`, at the same joint or at another; from itself at another, or of the whole arm."""
     if a == b and (a, b) not in TABLE:

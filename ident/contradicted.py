@@ -94,6 +94,21 @@ def standard_deviations(state: State, effect: Effect, off: Sequence[Off]) -> tup
     return ()
 
 
+def is_shapeless(state: State) -> bool:
+    """Whether a shape of the last effect is as small as may be, which is not nothing, and its standard deviation larger: whatever has
+    that name does what another does. A damping may be none, and what is stiffer than can be told is stiff."""
+    effect = state.effects[-1]
+    limits = state.limits[len(state.limits) - len(effect.values) :]
+    least = [
+        p.zero is None and not (p.whole or p.aside) and 0.0 < low and value <= low * (1.0 + SLACK)
+        for p, value, (low, _) in zip(effect.parameters, effect.values, limits, strict=True)
+    ]
+    if not any(least):
+        return False
+    told = zip(least, effect.values, standard_deviations(state, effect, ()), strict=True)
+    return any(at and not std <= value for at, value, std in told)
+
+
 def _kept(state: State, declared: Sequence[Deviation]) -> State:
     """The model with these numbers as declared, the others where the curvature at its minimum takes them; nobody has judged it."""
     problem, vector = state.problem, state.minimum.vector.copy()

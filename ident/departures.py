@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ident.arm_fit import Held, hold, residual, whitened_by
 from ident.campaign import Array
 from ident.effects.base import Effect
+from ident.effects.by_record import of_records
 from ident.evidence import Evidence
 from ident.parts import Split
 from ident.refits import Bench, State
@@ -117,14 +118,16 @@ def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[H
 
 def told_of(split: Split, effects: Sequence[Effect], data: Sequence[Evidence]) -> tuple[Evidence, ...]:
     """The records but for those between the last that fits or chooses before a change and the first after it, if others are left:
-    nothing that was fitted tells whether they have changed."""
+    nothing that was fitted tells whether they have changed. With a joint that is another one in each none that only reports."""
     known = {one.index for one in split.fit + split.select}
     begins = [int(effect["record"]) - 1 for effect in effects if "record" in (p.name for p in effect.parameters)]
 
     def between(record: int) -> bool:
         return any(record < begin and known.isdisjoint(range(record, begin)) for begin in begins)
 
-    return tuple(one for one in data if not between(one.index)) or tuple(data)
+    of_each = any(map(of_records, effects))
+    told = [one for one in data if not between(one.index) and (one.index in known or not of_each)]
+    return tuple(told) or tuple(data)
 
 
 def loud(joints: NDArray[np.int64], noise: Array) -> NDArray[np.bool_]:

@@ -20,6 +20,7 @@ from ident.choice import Tried
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
 from ident.departures import Departure, Errors, errors, told_of
+from ident.each_record import in_each_record
 from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.evidence import Evidence, evidence, gravity_basis
@@ -190,11 +191,19 @@ class Begun:
         after = errors(bench, state, told)
         if final:
             final = (*final[:-1], replace(final[-1], after=after.all))
-        status = "unexplained" if left else "effect-found" if final or off else "explained"
+        status = status_of(bool(left), bool(final), bool(off), before.all, after.all)
         campaign, model = bench.campaign, bench.model
         return Diagnosis(
             campaign, model, self.responses, bench.split, start, state, final, off, before, after, left, status
         )
+
+
+def status_of(left: bool, effects: bool, off: bool, before: float, after: float) -> str:
+    """Status of the verdict: whether anything is `left` of the records, there are `effects`, declared numbers are `off`; held-out errors.
+    Effects with which records that nothing has seen are told worse are none of those that act."""
+    if left or (effects and after > before):
+        return "unexplained"
+    return "effect-found" if effects or off else "explained"
 
 
 def _first(start: State, added: Sequence[Added], off: Sequence[Off]) -> State:
@@ -296,6 +305,7 @@ def _loop(
         added += more
         if bench.late:
             break
+        state, added = in_each_record(bench, state, added, progress)
         missing, tried_from = (), state
         if may_be_bent(bench, start, state):  # is what was missing the way, or is more missing?
             missing = one_more(bench, state, progress)

@@ -10,6 +10,7 @@ import numpy as np
 from ident.campaign import Array
 from ident.canvas import CAD, DATA, FIT, MUTED, dots, drawing, logarithmic
 from ident.effect_words import abscissa, ordinate
+from ident.effects.by_record import ByRecord
 from ident.effects.learned import LearnedCurve
 from ident.effects.response import Response
 from ident.effects.ringing import Ringing
@@ -206,6 +207,20 @@ def resonance_figure(effect: Ringing, found: Gains) -> str:
         _key(row[0], "")
         figure.legend(*row[0].get_legend_handles_labels(), loc="upper center", ncol=2)
         return svg("Inertia that the motor feels, and its phase, against frequency")
+
+
+def record_figure(effect: ByRecord, std: Sequence[float]) -> str:
+    """Returns by what share a joint's stiffness is another in each record, over the records from 1: each with its standard deviation."""
+    records, shares = np.array([1.0, *effect.knots]), np.array([0.0, *effect.values])
+    with drawing(7.4, 2.9, f"records {effect.joint}") as (figure, svg):
+        axes = figure.add_axes((0.11, 0.17, 0.875, 0.68))
+        axes.plot(records, shares, color=DATA, linewidth=0.5 * WIDE)
+        _knots(axes, records[1:], shares[1:], np.array(std, dtype=float))
+        _across(axes, records)
+        axes.set_xlabel("record")
+        axes.set_ylabel("share of the stiffness")
+        figure.legend(*axes.get_legend_handles_labels(), loc="upper center", ncol=3)
+        return svg("The share by which the stiffness is another in each record")
 
 
 def _knots(axes: Axes, x: Array, y: Array, std: Array) -> None:

@@ -15,13 +15,13 @@ from ident.added import Added
 from ident.arm_model import DRIVES
 from ident.campaign import Array, Campaign
 from ident.choice import LEAST_SHARE
-from ident.confounded import NEVER, Separation, never_told_apart, separation
+from ident.confounded import AGAIN, NEVER, Separation, never_told_apart, separation
 from ident.contradicted import Off
 from ident.coupled import degrees_of_freedom, uncertainty
 from ident.departures import Errors, told_of
 from ident.deviations import SIGMAS
 from ident.diagnose import Diagnosis
-from ident.effects.base import Effect
+from ident.effects.base import Effect, only_shares
 from ident.effects.carried import of_declared_links
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Unnamed
@@ -48,6 +48,8 @@ SHOWN = 1e-6
 AS_GOOD = 1.02
 #: A joint moves no other whose J_ij is below this part of its J_ii.
 DECOUPLED = 1e-9
+#: Postures closer than this [rad, m] are the same one.
+SAME_POSTURE = 0.02
 #: An effect's port shares that are told.
 SHARES_TOLD = 6
 
@@ -90,7 +92,7 @@ def verdict_document(
         "inertia": _inertia(d),
         "drives": _drives(d),
         "unexplained": unexplained(d),
-        "notes": list(notes),
+        "notes": [*notes, *(line for frf in d.responses for line in frf.status)],
         "made_with": made_with or {},
     }
     found: dict[str, Any] = plain(document)
@@ -254,7 +256,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
             ],
         },
         "rivals": [{"name": name, "joint": _joint(c, joint), "after": error} for name, joint, error in rivals],
-        "confounded_with": _confounded(d, e.name, e.joint, tied),
+        "confounded_with": _confounded(d, e.name, e.joint, tied) + _of_place(d, e),
     }
     if isinstance(e, Unnamed):
         entry["curve"] = e.curve(d.model.chain.slides(e.joint))
@@ -310,6 +312,20 @@ def _confounded(
         {"name": other, "joint": _joint(c, place), "separate_by": by.separate_by, "recipe": by.recipe}
         for (other, place), by in found.items()
     ]
+
+
+def _of_place(d: Diagnosis, effect: Effect) -> list[dict[str, Any]]:
+    """A curve of place, "unknown", where that may be what a change from one record to the next is: no posture is measured on both sides."""
+    records, joint = d.campaign.records, _joint(d.campaign, effect.joint)
+    shares = [effect.shares(k) for k in range(len(records))]
+    again = (
+        bool(np.all(np.abs(one.posture - other.posture) < SAME_POSTURE)) and shares[i] != shares[k]
+        for i, one in enumerate(records)
+        for k, other in enumerate(records[:i])
+    )
+    if not only_shares(effect) or any(again):
+        return []
+    return [{"name": "unknown", "joint": joint, "separate_by": AGAIN.separate_by, "recipe": AGAIN.recipe}]
 
 
 def _moves_no_other(model: Model, joint: int) -> bool:

@@ -25,6 +25,7 @@ from ident.effect_words import (
     values,
 )
 from ident.effects.base import Effect
+from ident.effects.by_record import ByRecord
 from ident.effects.learned import LearnedCurve
 from ident.effects.response import Response
 from ident.effects.ringing import Ringing
@@ -107,6 +108,13 @@ def sentence(verdict: dict[str, Any], few: Collection[str] = ()) -> str:
     left = place(verdict["unexplained"][0]) if verdict["unexplained"] else "the records"
     if not effects:
         return f"Something acts that nothing in the catalogue explains: {left}."
+    before, after = (verdict["error"][when]["all"] for when in ("before", "after"))
+    if after > before and not verdict["unexplained"]:
+        names = joined([named_with_others(e) for e in effects])
+        return (
+            f"Something acts that nothing in the catalogue explains: with {names} the held-out error grows from "
+            f"{percent(before)} to {percent(after)}."
+        )
     return f"{found}; even so something stays unexplained: {left}."
 
 
@@ -242,6 +250,7 @@ def text(verdict: dict[str, Any], brief: bool = False, few: Collection[str] = ()
     worst = _worst(verdict)
     if worst and verdict["effects"]:
         lines += ["", f"J(q) without the effects: {worst[1]} off by {percent(worst[0])} rms over the workspace."]
+    lines += [""] * bool(verdict["notes"] and not brief) + [f"! {note}" for note in verdict["notes"] if not brief]
     return "\n".join(lines)
 
 
@@ -298,7 +307,14 @@ def _law(d: Diagnosis, effect: Effect, std: tuple[float, ...]) -> dict[str, Mark
     """The figure of an effect's law, where it has a port, and the records that it shows."""
     from markupsafe import Markup
 
-    from ident.diagnosis_figures import curve_figure, gains_figure, law_figure, resonance_figure, response_figure
+    from ident.diagnosis_figures import (
+        curve_figure,
+        gains_figure,
+        law_figure,
+        record_figure,
+        resonance_figure,
+        response_figure,
+    )
 
     slides = effect.joint is not None and d.model.chain.slides(effect.joint)
     through = felt(d, effect) if isinstance(effect, Ringing) else gains(d, effect)
@@ -308,6 +324,8 @@ def _law(d: Diagnosis, effect: Effect, std: tuple[float, ...]) -> dict[str, Mark
         kind, figure = "resonance", resonance_figure(effect, through)
     elif isinstance(effect, Response):
         kind, figure = "curve", response_figure(effect, std, through)
+    elif isinstance(effect, ByRecord):
+        kind, figure = "curve", record_figure(effect, std)
     elif through:
         kind, figure = "gain", gains_figure(through)
     elif not forces:

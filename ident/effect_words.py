@@ -54,6 +54,8 @@ def meaning(effect: dict[str, Any]) -> str:
     if effect["name"] == "unknown":
         if variable_of(effect) in ("frequency", "resonance"):
             return f"What no name of the catalogue describes, learned from the records: {_kind_of(effect)}."
+        if variable_of(effect) == "record":
+            return f"A joint that is another one in every record, as no change or drift describes: {_kind_of(effect)}."
         what = "An error of the encoder" if variable_of(effect) == "reading" else "A torque"
         return f"{what} that no law of the catalogue describes, learned from the records as {_kind_of(effect)}."
     if effect["name"] == "inertial-parameters" and effect["joint"] is None:
@@ -111,7 +113,8 @@ def extent(effect: dict[str, Any]) -> str:
         sizes = f"gain {sizes}, delay {_range([1e3 * delay for delay in curve['delays']])} ms"
     _, unit = _variable(curve, effect["port"])
     reach = [0.0, curve["period"]] if curve.get("period") else curve["knots"]
-    return f"{sizes} over {_range(reach)} {unit}"
+    over = "records " * (curve["variable"] == "record")
+    return f"{sizes} over {over}{_range(reach)} {unit}".rstrip()
 
 
 def _range(numbers: Sequence[float]) -> str:
@@ -147,14 +150,16 @@ def _kind_of(effect: dict[str, Any]) -> str:
         return f"gain and delay of the {signal}, as curves of frequency"
     if curve["variable"] == "resonance":
         return f"a mass that rings at {effect['parameters']['frequency']['value']:.3g} Hz at the {port}"
+    if curve["variable"] == "record":
+        return f"a stiffness of its own in each record at the {port}, by shares of what it is in the first"
     again = f", again every {curve['period']:.4g} {curve['period_unit']}" if curve.get("period") else ""
     return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
 
 
 def _variable(curve: dict[str, Any], port: str) -> tuple[str, str]:
     """What a learned curve is drawn over, and its unit."""
-    if curve["variable"] == "frequency":
-        return "frequency", "Hz"
+    if curve["variable"] in ("frequency", "record"):
+        return curve["variable"], "Hz" if curve["variable"] == "frequency" else ""
     slides, motor = curve["period_unit"] == "m", port in ("motor", "sensor")
     length, force, torque = ("m", "N", "force") if slides else ("rad", "Nm", "torque")
     turning = "link position" if slides else "link angle"

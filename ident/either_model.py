@@ -2,7 +2,8 @@
 
 Links that are drawn symmetric have products of inertia that are exactly zero. To take them for unknown is never wrong, but
 what an undeclared effect bends can then hide in them, the more so as a part of the records only fits: a joint whose zero is
-off looks like a link that is not symmetric. What takes fewer numbers is the simpler explanation.
+off looks like a link that is not symmetric. What takes fewer numbers is the simpler explanation. Fewer causes are it only where
+the zeros are seen to be none: more constants than these take up what has a name without being a cause.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ident.frf import estimate
 from ident.one_more import one_more
 from ident.parts import Split
 from ident.refits import CLOSE, NAMED, State, excess
+from ident.zeros import far_from_zero
 from symgen.plan import model_of_urdf
 
 #: General links are tried where they leave less than this share of what is left when zeros are believed, beside the same
@@ -86,7 +88,8 @@ def _diagnosed(
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
     if not far and explained and _things(simple) > 1 and (alone or _fewer_do(general, simple)):
         found = by_general()
-        if found.left <= NAMED and _things(found) <= HALF * _things(simple):  # what needs fewer causes is likelier
+        fewer = found.left <= NAMED and _things(found) <= HALF * _things(simple)  # what needs fewer causes is likelier
+        if fewer and far_from_zero(found.model, symmetric, found.end):
             return found, notes
     if not explained and (
         far

@@ -21,6 +21,7 @@ from ident.errors import CampaignError
 from ident.leakage import BINS, ORDER, ROUNDING, Complex, between_lines, most_telling, moving_average
 from ident.quantisation import encoder_step, quantisation
 from ident.settling import FALSE_ALARM, arrived, settled_from
+from ident.steady import drift as drift_of_response
 
 __all__ = ["BINS", "ORDER", "ROUNDING", "Complex", "Detection", "Frf", "Spectra", "estimate", "moving_average"]
 
@@ -200,6 +201,7 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
     deflection = np.where(np.isfinite(campaign.K), campaign.N * rest.mean(axis=0)[:n] / campaign.K, 0.0)
     offset = rest.mean(axis=0)[n:] / campaign.N - deflection - record.posture
     status = [] if settled else [_unsettled(record, first)]
+    status += _drifting(record, drift_of_response(record, first, joint))
     status += _posture_status(record, campaign, drift, offset)
     whole = Spectra(
         band, record.f0, excited, _fixed(mean[:, :n]), _fixed(mean[:, n:]), _fixed(noise), floors[band],
@@ -229,6 +231,16 @@ def _unsettled(record: Record, first: int) -> str:
     P = record.periods
     found = f"{P} periods are too few to tell" if P < 3 else f"it still changes after {first} of {P} periods"
     return f"record {record.id}: the response may not have settled: {found}; the last {P - first} are used, record more"
+
+
+def _drifting(record: Record, share: float) -> list[str]:
+    """Returns a line for a response that changes by a `share` while it is recorded."""
+    if not share:
+        return []
+    return [
+        f"record {record.id}: the response of {record.excited} changes by {share:.2g} of itself while it is recorded, which "
+        + "counts as noise: let it warm up, or record it again with fewer periods"
+    ]
 
 
 def _check(record: Record, campaign: Campaign) -> int:

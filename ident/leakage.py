@@ -56,11 +56,7 @@ def between_lines(
     share, none where no more leaks than noise makes of it; what is left is error.
     """
     spectrum = np.fft.rfft(kept - kept[0], axis=0) * (2.0 / len(kept))
-    between = np.arange(1, len(spectrum))
-    between = between[between % M != 0]
-    first = np.clip(np.searchsorted(between, band * M) - BINS // 2, 0, len(between) - BINS)
-    bins = between[first[:, None] + np.arange(BINS)]
-    offsets = bins - (band * M)[:, None]
+    bins, offsets = windows(len(spectrum), M, band)
     mean = spectrum[band * M]
     leakage, spread = np.empty_like(mean), np.empty(len(band))
     errors = np.empty((BINS - ORDER, *mean.shape), dtype=complex)
@@ -79,6 +75,16 @@ def between_lines(
         share, left = 1.0 - 1.0 / excess, (excess - 1.0) / excess**2
     cost = 1.0 + spread * (share**2 + left)
     return mean - share[:, None] * leakage, errors * np.sqrt(cost)[:, None], float(cost.mean())
+
+
+def windows(count: int, M: int, band: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Returns the `BINS` bins nearest to each line of `band` [F], of so many over M periods, that are none of a line [F, BINS], and how far
+    from it they are."""
+    between = np.arange(1, count)
+    between = between[between % M != 0]
+    first = np.clip(np.searchsorted(between, band * M) - BINS // 2, 0, len(between) - BINS)
+    bins = between[first[:, None] + np.arange(BINS)]
+    return bins, bins - (band * M)[:, None]
 
 
 def _excess(leakage: Complex, errors: Complex, rounding: Array, M: int) -> Array:

@@ -24,6 +24,7 @@ from ident.choice import (
     rivals,
     vanished,
 )
+from ident.contradicted import is_shapeless
 from ident.departures import errors, told_of
 from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned
@@ -172,7 +173,7 @@ def _entered(
     if best is None:
         return None
     new = since(bench, best[1])
-    if vanished(new.effects[-1]):
+    if vanished(new.effects[-1]) or is_shapeless(new):
         return None
     hastily = new.select < AHEAD * state.select
     less = without(bench, new, new.effects[-1], HASTILY if hastily else FINELY)
@@ -241,11 +242,13 @@ def _best(
             continue
         leader = at_minimum(bench, one, progress)
         tried = [leader if other is one else other for other in tried]
-        if explains(bench, leader[1], first) or outshines(bench, leader, tried, first):
+        stands = explains(bench, leader[1], first) or outshines(bench, leader, tried, first)
+        if stands and not is_shapeless(leader[1]):
             return of_any_order(bench, plainer(bench, leader, progress), progress), tried
     if (little and not _gaining(bench, tried)) or (bends and all(left_by(one) > state.select for one in tried)):
         return None, tried
     tried = [one for one in polished(bench, tried, first, progress) if not vanished(one[1].effects[-1])]
+    tried = [one for one in tried if not is_shapeless(one[1])]
     best = chosen(bench, tried, state.select)
     if bench.late:
         return best, tried

@@ -11,7 +11,7 @@ import pytest
 from ident.arm_fit import Problem
 from ident.bench import simulate
 from ident.campaign_model import model_of_campaign
-from ident.contradicted import Off, contradicted, merged, standard_deviations
+from ident.contradicted import Off, contradicted, is_shapeless, merged, standard_deviations
 from ident.descent import Minimum
 from ident.deviations import NAMES, Change, Deviation, Part, _bodies, deviations
 from ident.diagnose import Begun, begin
@@ -19,6 +19,7 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.declared import GravityStiffness
 from ident.effects.link import CableStiffness
+from ident.effects.structure import LinkFlexibility
 from ident.evidence import gravity_basis
 from ident.frf import estimate
 from ident.refits import State
@@ -164,6 +165,22 @@ def test_what_no_record_shows_has_no_standard_deviation() -> None:
     state = State((effect,), (2.0,) * 2, ((-9.0, 9.0),) * 2, Minimum(values, information, 1.0, True), problem, 1.0)
     stiffness, neutral = standard_deviations(state, effect, ())
     assert stiffness == pytest.approx(1.0) and np.isnan(neutral)
+
+
+@pytest.mark.parametrize(
+    ("share", "damping", "std", "shapeless"),
+    [(0.05, 0.001, 0.14, True), (0.05, 0.001, 0.01, False), (0.2, 0.001, 0.3, False), (0.2, 0.0, 0.01, False)],
+)
+def test_a_shape_at_its_bound_of_which_no_record_tells_is_none(
+    share: float, damping: float, std: float, shapeless: bool
+) -> None:
+    effect, base = LinkFlexibility(0, (5e3, share, damping, 0.0)), 6
+    values, low = np.append(np.ones(base), effect.values), np.array([10.0, 0.05, 0.0, 0.0])
+    wide, limits = np.full(base + 4, 1e5), tuple((least, 1e5) for least in low.tolist())
+    problem = Problem((), 1, 1, 1, (effect,), np.ones(base + 4), -wide, wide, wide > 0.0, lambda scene, q: scene)
+    information = np.diag([*np.ones(base), 1.0, std**-2, 1.0, 1.0])
+    state = State((effect,), (1.0,) * 4, limits, Minimum(values, information, 1.0, True), problem, 1.0)
+    assert is_shapeless(state) == shapeless
 
 
 def test_a_number_that_an_effect_has_too_leaves_the_steps_of_its_information_as_they_are() -> None:

@@ -12,6 +12,7 @@ from diagnosed import JOINT, diagnosis, unexplained
 
 from ident.contradicted import Off
 from ident.deviations import Deviation
+from ident.diagnose import status_of
 from ident.diagnosis_json import verdict_document
 from ident.diagnosis_report import html, not_held_out, sentence, text, todo
 from ident.effects.learned import learned
@@ -56,6 +57,28 @@ def test_what_is_unexplained_is_said_with_joint_port_band_and_parity(file):
     page = html(d, v)
     assert "What stays unexplained" in page and page.count("<svg") == 1
     assert "ident next" in " ".join(todo(v))
+
+
+def test_effects_with_which_the_held_out_error_grows_are_not_said_to_be_missing(file):
+    d = diagnosis()
+    assert status_of(False, True, False, d.before.all, d.after.all) == "effect-found"
+    assert status_of(False, True, True, d.after.all, d.before.all) == "unexplained"
+    assert (
+        status_of(False, False, True, 0.2, 0.2) == "effect-found"
+        and status_of(False, False, False, 0.2, 0.3) == "explained"
+    )
+    v = verdict_document(replace(d, before=d.after, after=d.before, status="unexplained"), [file])
+    assert "lacks" not in sentence(v) and "with motor-coulomb at joint2 the held-out error grows from" in sentence(v)
+
+
+def test_what_is_to_be_said_of_a_record_is_told_in_the_verdict_and_in_words(file):
+    d = diagnosis()
+    first, *others = d.responses
+    d = replace(d, responses=(replace(first, status=("record 1: it drifts",)), *others))
+    v = verdict_document(d, [file], ["a note"])
+    assert v["notes"] == ["a note", "record 1: it drifts"]
+    assert "! record 1: it drifts" in text(v) and "it drifts" not in text(v, brief=True)
+    assert "<li>record 1: it drifts</li>" in html(d, v)
 
 
 def test_nothing_found_is_said_plainly(file):

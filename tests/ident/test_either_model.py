@@ -61,9 +61,9 @@ class Left:
 
     status = "explained"
 
-    def __init__(self, model: Model, left: float, values: int, off: int = 0) -> None:
+    def __init__(self, model: Model, left: float, values: int, off: int = 0, far: bool = True) -> None:
         self.model, self.left, self.off, self.split = model, left, [None] * off, None
-        self.end = SimpleNamespace(effects=[SimpleNamespace(values=(0.0,) * values)] if values else [])
+        self.end = SimpleNamespace(effects=[SimpleNamespace(values=(0.0,) * values)] if values else [], far=far)
 
 
 @pytest.fixture(autouse=True)
@@ -72,6 +72,7 @@ def _stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         ident.either_model, "excess", lambda bench, state: state if isinstance(state, float) else excess(bench, state)
     )
+    monkeypatch.setattr(ident.either_model, "far_from_zero", lambda general, symmetric, end: end.far)
 
 
 @dataclass(frozen=True)
@@ -125,15 +126,18 @@ def test_what_takes_fewer_numbers_is_taken(
     assert bool(notes) == (believed and believe is None)
 
 
-@pytest.mark.parametrize(("by_zeros", "by_general", "believed"), [(0, 1, True), (1, 1, False), (2, 3, True)])
+@pytest.mark.parametrize(
+    ("by_zeros", "by_general", "far", "believed"),
+    [(0, 1, True, True), (1, 1, True, False), (2, 3, True, True), (1, 1, False, True)],
+)
 def test_what_has_fewer_causes_is_taken(
-    monkeypatch: pytest.MonkeyPatch, by_zeros: int, by_general: int, believed: bool
+    monkeypatch: pytest.MonkeyPatch, by_zeros: int, by_general: int, far: bool, believed: bool
 ) -> None:
-    """One effect and so many numbers that are off, or these alone with more constants."""
+    """One effect and so many numbers that are off, or these alone with more constants, if zeros are `far` from it."""
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
         zeros = bool(model.factoring.believed)
-        found = Left(model, 1.0, int(zeros), by_zeros if zeros else by_general)
+        found = Left(model, 1.0, int(zeros), by_zeros if zeros else by_general, far)
         return SimpleNamespace(departs=False, alone=1.0, diagnosed=lambda *_: found)
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
