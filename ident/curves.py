@@ -13,6 +13,7 @@ from ident.effects.base import Effect
 from ident.effects.learned import KINDS, VARIABLES, Learned, learned, of_place, variable
 from ident.effects.response import Response, response
 from ident.frf import Complex
+from ident.memories import memories
 from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
 from symgen.forked import forked
@@ -54,7 +55,7 @@ def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
                     seen = spectrum(lin, port, "link" if port == "link" else "motor", joint, highest, of=name)
                     if seen is not None:
                         waves.append((float(seen.fall.max()), port, joint, name, seen))
-    found = _drawn(lin, [shape for shape in shapes if shape is not None], workers)
+    found = _drawn(lin, [shape for shape in [*shapes, *memories(lin)] if shape is not None], workers)
     for _, port, joint, name, seen in sorted(waves, key=lambda wave: -wave[0])[:REPEATING]:
         found += _repeating(lin, port, joint, name, seen, workers)
     return sorted(found, key=lambda c: -c.gain)

@@ -9,6 +9,7 @@ from typing import Any
 from ident.deviations import NAMES
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import KINDS
+from ident.effects.memory import HYSTERESIS, LOOPS
 from ident.verdict import number
 
 #: What verdict.json calls "unknown".
@@ -52,7 +53,8 @@ def meaning(effect: dict[str, Any]) -> str:
     if effect["name"] == "unknown":
         if variable_of(effect) == "frequency":
             return f"What no name of the catalogue describes, learned from the records: {_kind_of(effect)}."
-        what = "An error of the encoder" if variable_of(effect) == "reading" else "A torque"
+        misread = effect["port"] == "sensor" and variable_of(effect) in ("reading", HYSTERESIS)
+        what = "An error of the encoder" if misread else "A torque"
         return f"{what} that no law of the catalogue describes, learned from the records as {_kind_of(effect)}."
     if effect["name"] == "inertial-parameters" and effect["joint"] is None:
         return (
@@ -102,6 +104,9 @@ def extent(effect: dict[str, Any]) -> str:
     if curve["variable"] == "frequency":
         sizes = f"gain {sizes}, delay {_range([1e3 * delay for delay in curve['delays']])} ms"
     _, unit = _variable(curve, effect["port"])
+    if curve["variable"] == HYSTERESIS:
+        lag = max(map(abs, curve["loop"]["output"]))
+        return f"up to {number(lag)} {unit} in a loop of +- {number(max(curve['knots']))} {unit}"
     reach = [0.0, curve["period"]] if curve.get("period") else curve["knots"]
     return f"{sizes} over {_range(reach)} {unit}"
 
@@ -136,6 +141,8 @@ def _kind_of(effect: dict[str, Any]) -> str:
     if curve["variable"] == "frequency":
         signal = "angle that is measured" if port == "sensor" else "torque that is commanded"
         return f"gain and delay of the {signal}, as curves of frequency"
+    if curve["variable"] == HYSTERESIS:
+        return f"a lag that depends on what was before, a loop over {_variable(curve, port)[0]}"
     again = f", again every {curve['period']:.4g} {curve['period_unit']}" if curve.get("period") else ""
     return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
 
@@ -147,7 +154,8 @@ def _variable(curve: dict[str, Any], port: str) -> tuple[str, str]:
     slides, motor = curve["period_unit"] == "m", port in ("motor", "sensor")
     length, force, torque = ("m", "N", "force") if slides else ("rad", "Nm", "torque")
     turning = "link position" if slides else "link angle"
-    match KINDS[curve["variable"]].of:
+    of = LOOPS[port].of if curve["variable"] == HYSTERESIS else KINDS[curve["variable"]].of
+    match of:
         case "position":
             name = "motor angle" if motor else "deflection" if port == "spring" else turning
             return name, length

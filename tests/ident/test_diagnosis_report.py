@@ -15,6 +15,7 @@ from ident.deviations import Deviation
 from ident.diagnosis_json import verdict_document
 from ident.diagnosis_report import html, not_held_out, sentence, text, todo
 from ident.effects.learned import learned
+from ident.effects.memory import remembering
 from ident.effects.motor import InputDelay
 from ident.effects.response import response
 
@@ -206,6 +207,25 @@ def test_a_learned_curve_is_told_by_its_size_and_range_and_drawn_with_its_knots(
     _, figure = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
     assert "its knots ± σ" in figure and "from the records" in figure and "nan" not in figure.lower()
     ET.fromstring(figure)
+
+
+@pytest.mark.parametrize(
+    ("port", "said"),
+    [
+        ("motor", ("a loop over motor torque", "up to 0.002 Nm in a loop of +- 0.02 Nm")),
+        ("sensor", ("a loop over motor angle", "up to 0.002 rad in a loop of +- 0.02 rad")),
+    ],
+)
+def test_a_memory_is_told_and_drawn_as_a_loop(file, port, said):
+    """Of a stop that has slipped, half of what it follows."""
+    d = with_effect(diagnosis(), remembering(port, [0.004, 0.02], 1)(JOINT, (0.5, 0.0)), (1e-4,) * 2)
+    v = verdict_document(d, [file])
+    loop = v["effects"][0]["curve"]["loop"]
+    assert max(loop["over"]) == pytest.approx(0.02) and max(loop["output"]) == pytest.approx(0.002)
+    page = html(d, v)
+    assert said[0] in page and said[1] in page and ", ".join(said) in text(v) and "height_" not in page
+    assert ("An error of the encoder" in page) == (port == "sensor") and "where loops, of what it was before" in page
+    ET.fromstring(re.findall(r"<svg.*?</svg>", page, re.DOTALL)[1])
 
 
 def test_a_delay_is_drawn_by_its_phase(file):
