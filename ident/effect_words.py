@@ -8,6 +8,7 @@ from typing import Any
 
 from ident.deviations import NAMES
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.crosstalk import CROSSTALK
 from ident.effects.learned import KINDS
 from ident.effects.memory import HYSTERESIS, LOOPS
 from ident.verdict import number
@@ -53,7 +54,7 @@ def meaning(effect: dict[str, Any]) -> str:
     if effect["name"] == "unknown":
         if variable_of(effect) == "frequency":
             return f"What no name of the catalogue describes, learned from the records: {_kind_of(effect)}."
-        misread = effect["port"] == "sensor" and variable_of(effect) in ("reading", HYSTERESIS)
+        misread = effect["port"] == "sensor" and variable_of(effect) in ("reading", HYSTERESIS, CROSSTALK)
         what = "An error of the encoder" if misread else "A torque"
         return f"{what} that no law of the catalogue describes, learned from the records as {_kind_of(effect)}."
     if effect["name"] == "inertial-parameters" and effect["joint"] is None:
@@ -103,6 +104,8 @@ def extent(effect: dict[str, Any]) -> str:
     sizes = f"{_range(curve['heights'])} {curve['unit']}".rstrip()
     if curve["variable"] == "frequency":
         sizes = f"gain {sizes}, delay {_range([1e3 * delay for delay in curve['delays']])} ms"
+    if curve["variable"] == CROSSTALK:
+        return f"{number(100 * curve['heights'][0])} % of it"
     _, unit = _variable(curve, effect["port"])
     if curve["variable"] == HYSTERESIS:
         lag = max(map(abs, curve["loop"]["output"]))
@@ -143,6 +146,9 @@ def _kind_of(effect: dict[str, Any]) -> str:
         return f"gain and delay of the {signal}, as curves of frequency"
     if curve["variable"] == HYSTERESIS:
         return f"a lag that depends on what was before, a loop over {_variable(curve, port)[0]}"
+    if curve["variable"] == CROSSTALK:
+        signal = "angle" if port == "sensor" else "torque"
+        return f"a share of the {signal} of the motor of joint {curve['from_joint']}"
     again = f", again every {curve['period']:.4g} {curve['period_unit']}" if curve.get("period") else ""
     return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
 

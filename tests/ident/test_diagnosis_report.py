@@ -14,6 +14,7 @@ from ident.contradicted import Off
 from ident.deviations import Deviation
 from ident.diagnosis_json import verdict_document
 from ident.diagnosis_report import html, not_held_out, sentence, text, todo
+from ident.effects.crosstalk import crosstalk
 from ident.effects.learned import learned
 from ident.effects.memory import remembering
 from ident.effects.motor import InputDelay
@@ -226,6 +227,16 @@ def test_a_memory_is_told_and_drawn_as_a_loop(file, port, said):
     assert said[0] in page and said[1] in page and ", ".join(said) in text(v) and "height_" not in page
     assert ("An error of the encoder" in page) == (port == "sensor") and "where loops, of what it was before" in page
     ET.fromstring(re.findall(r"<svg.*?</svg>", page, re.DOTALL)[1])
+
+
+@pytest.mark.parametrize(("port", "what"), [("motor", "torque"), ("sensor", "angle")])
+def test_crosstalk_is_told_by_its_share_and_the_joint_of_which_it_comes(file, port, what):
+    d = with_effect(diagnosis(), crosstalk(port, 2)(JOINT, (0.02,)), (1e-4,))
+    v = verdict_document(d, [file])
+    page = html(d, v)
+    assert v["effects"][0]["curve"]["from_joint"] == 3
+    assert f"a share of the {what} of the motor of joint 3, 2 % of it" in text(v)
+    assert f"a share of the {what} of the motor of joint 3" in page and "<b>2 % of it</b></td>" in page
 
 
 def test_a_delay_is_drawn_by_its_phase(file):
