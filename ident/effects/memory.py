@@ -8,7 +8,6 @@ in Dahl's law. The sum of a few, each by its height, is a loop: of an iron core,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -20,8 +19,6 @@ from ident.effects.motion import Motion, State
 
 #: What a curve with a memory is called by its variable.
 HYSTERESIS = "hysteresis"
-#: Stops kept of signals that were asked for last: heights are refined one by one, each in all records.
-KEPT = 64
 #: Steps of a loop that is told, each way.
 DRAWN = 40
 
@@ -60,7 +57,20 @@ class Remembering(Learned, PeriodicLaw):
 
     def lags(self, x: Array) -> Array:
         """What it makes of a period [S] of its signal."""
-        return -(np.asarray(self.values) @ stops(x, self.knots, self.soft))
+        return self._of(stops(x, self.knots, self.soft))
+
+    def force(self, motion: Motion) -> Array | None:
+        return self._lagging(motion)
+
+    def _lagging(self, motion: Motion) -> Array:
+        """What it makes of a motion, whose stops do for all heights."""
+        assert self.joint is not None
+        name, joint, thresholds, soft = self.loop.signal, self.joint, self.knots, self.soft
+        which = ("stops", name, joint, thresholds, soft)
+        return self._of(motion.made(which, lambda: stops(motion.signal(name, joint), thresholds, soft)))
+
+    def _of(self, stops: Array) -> Array:
+        return np.asarray(-(np.asarray(self.values) @ stops))
 
     def start(self, step: float) -> tuple[Callable[[State], float], Callable[[State], None]]:
         r, heights = np.asarray(self.knots), np.asarray(self.values)
@@ -88,21 +98,13 @@ class RememberingReading(Remembering):
         return None
 
     def reading(self, motion: Motion) -> Array:
-        assert self.joint is not None
-        return self.lags(motion.signal(self.loop.signal, self.joint))
+        return self._lagging(motion)
 
 
 def stops(x: Array, thresholds: Sequence[float], soft: int = 0) -> Array:
     """Stops [K, S] of a signal [S] at thresholds [K] when its period goes on for ever, the last so many soft."""
-    return _stops(np.ascontiguousarray(x, dtype=float).tobytes(), tuple(thresholds), soft)
-
-
-@lru_cache(maxsize=KEPT)
-def _stops(signal: bytes, thresholds: tuple[float, ...], soft: int) -> Array:
-    x, sharp = np.frombuffer(signal), len(thresholds) - soft
-    found = np.concatenate([_sharp(x, np.array(thresholds[:sharp])[:, None]), _soft(x, thresholds[sharp:])])
-    found.setflags(write=False)
-    return found
+    sharp = len(thresholds) - soft
+    return np.concatenate([_sharp(x, np.array(thresholds[:sharp])[:, None]), _soft(x, thresholds[sharp:])])
 
 
 def _soft(x: Array, thresholds: Sequence[float]) -> Array:
