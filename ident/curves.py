@@ -9,11 +9,13 @@ import numpy as np
 
 from ident.campaign import Array
 from ident.candidates import Candidate, added, best_of, bounds, side_of, units
+from ident.crosstalks import crosstalks
 from ident.effects.base import Effect
 from ident.effects.learned import KINDS, VARIABLES, Learned, learned, of_place, variable
 from ident.effects.response import Response, response
 from ident.effects.ringing import Ringing
 from ident.frf import Complex
+from ident.memories import memories
 from ident.periods import Spectrum, spectrum
 from ident.trace import Linearised
 from symgen.forked import forked
@@ -45,7 +47,8 @@ Shape = tuple[type[Learned], int]
 
 
 def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
-    """Learned curves at every port of every joint, of every variable, and of positions that repeat, best first."""
+    """Learned curves at every port of every joint, of every variable, and of positions that repeat, memories and what comes of other
+    joints, best first."""
     lin.prepare()
     shapes: list[Shape | None] = []
     waves: list[tuple[float, str, int, str, Spectrum]] = []
@@ -58,7 +61,7 @@ def curves(lin: Linearised, workers: int = 1) -> list[Candidate]:
                     seen = spectrum(lin, port, "link" if port == "link" else "motor", joint, highest, of=name)
                     if seen is not None:
                         waves.append((float(seen.fall.max()), port, joint, name, seen))
-    found = _drawn(lin, [shape for shape in shapes if shape is not None], workers)
+    found = _drawn(lin, [shape for shape in [*shapes, *memories(lin), *crosstalks(lin)] if shape is not None], workers)
     for _, port, joint, name, seen in sorted(waves, key=lambda wave: -wave[0])[:REPEATING]:
         found += _repeating(lin, port, joint, name, seen, workers)
     return sorted(found, key=lambda c: -c.gain)

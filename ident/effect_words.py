@@ -8,7 +8,9 @@ from typing import Any
 
 from ident.deviations import NAMES
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.crosstalk import CROSSTALK
 from ident.effects.learned import KINDS
+from ident.effects.memory import HYSTERESIS, LOOPS
 from ident.verdict import number
 
 #: What verdict.json calls "unknown": what is drawn, and what rings.
@@ -56,7 +58,8 @@ def meaning(effect: dict[str, Any]) -> str:
             return f"What no name of the catalogue describes, learned from the records: {_kind_of(effect)}."
         if variable_of(effect) == "record":
             return f"A joint that is another one in every record, as no change or drift describes: {_kind_of(effect)}."
-        what = "An error of the encoder" if variable_of(effect) == "reading" else "A torque"
+        misread = effect["port"] == "sensor" and variable_of(effect) in ("reading", HYSTERESIS, CROSSTALK)
+        what = "An error of the encoder" if misread else "A torque"
         return f"{what} that no law of the catalogue describes, learned from the records as {_kind_of(effect)}."
     if effect["name"] == "inertial-parameters" and effect["joint"] is None:
         return (
@@ -111,7 +114,12 @@ def extent(effect: dict[str, Any]) -> str:
     sizes = f"{_range(curve['heights'])} {curve['unit']}".rstrip()
     if curve["variable"] == "frequency":
         sizes = f"gain {sizes}, delay {_range([1e3 * delay for delay in curve['delays']])} ms"
+    if curve["variable"] == CROSSTALK:
+        return f"{number(100 * curve['heights'][0])} % of it"
     _, unit = _variable(curve, effect["port"])
+    if curve["variable"] == HYSTERESIS:
+        lag = max(map(abs, curve["loop"]["output"]))
+        return f"up to {number(lag)} {unit} in a loop of +- {number(max(curve['knots']))} {unit}"
     reach = [0.0, curve["period"]] if curve.get("period") else curve["knots"]
     over = "records " * (curve["variable"] == "record")
     return f"{sizes} over {over}{_range(reach)} {unit}".rstrip()
@@ -152,6 +160,11 @@ def _kind_of(effect: dict[str, Any]) -> str:
         return f"a mass that rings at {effect['parameters']['frequency']['value']:.3g} Hz at the {port}"
     if curve["variable"] == "record":
         return f"a stiffness of its own in each record at the {port}, by shares of what it is in the first"
+    if curve["variable"] == HYSTERESIS:
+        return f"a lag that depends on what was before, a loop over {_variable(curve, port)[0]}"
+    if curve["variable"] == CROSSTALK:
+        signal = "angle" if port == "sensor" else "torque"
+        return f"a share of the {signal} of the motor of joint {curve['from_joint']}"
     again = f", again every {curve['period']:.4g} {curve['period_unit']}" if curve.get("period") else ""
     return f"{what.get(curve['variable'], 'a curve of ' + curve['variable'])} at the {port}{again}"
 
@@ -163,7 +176,8 @@ def _variable(curve: dict[str, Any], port: str) -> tuple[str, str]:
     slides, motor = curve["period_unit"] == "m", port in ("motor", "sensor")
     length, force, torque = ("m", "N", "force") if slides else ("rad", "Nm", "torque")
     turning = "link position" if slides else "link angle"
-    match KINDS[curve["variable"]].of:
+    of = LOOPS[port].of if curve["variable"] == HYSTERESIS else KINDS[curve["variable"]].of
+    match of:
         case "position":
             name = "motor angle" if motor else "deflection" if port == "spring" else turning
             return name, length

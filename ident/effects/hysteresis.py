@@ -34,7 +34,7 @@ class Hysteresis(PeriodicLaw):
         step = np.diff(x, prepend=x[-1])
         kept = np.exp(-np.abs(step) / distance)
         added = np.sign(step) * (1.0 - kept)
-        values, left = _recursion(kept, added)
+        values, left = recursion(kept, added)
         start = values[-1] / (1.0 - left[-1]) if left[-1] < 1.0 else 0.0
         return np.asarray(self.sign * level * (values + left * start))
 
@@ -75,7 +75,7 @@ class LinkHysteresis(Hysteresis):
     name, port, sign = "link-hysteresis", "link", -1.0
 
 
-def _recursion(a: Array, b: Array) -> tuple[Array, Array]:
+def recursion(a: Array, b: Array) -> tuple[Array, Array]:
     """F[k] = a[k] F[k-1] + b[k] from F = 0, and the product of a up to k: both [S]."""
     bands = np.ones((2, len(a)))
     bands[1, :-1] = -a[1:]

@@ -6,7 +6,7 @@ deflection theta/N - q, the link's is q.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from math import tanh
 from typing import Any
@@ -99,6 +99,7 @@ class Motion:
     means: tuple[Array, Array] | None = None
     _told: dict[tuple[str, int], Array] = field(default_factory=dict)
     _astray: dict[tuple[str, int], Astray | None] = field(default_factory=dict)
+    _made: dict[Hashable, Array] = field(default_factory=dict)
 
     def state(self, joint: int) -> State:
         """The motion of one joint."""
@@ -116,6 +117,13 @@ class Motion:
             faster = self.strays(port, joint)
             self._astray[port, joint] = None if faster is None else Astray.of(faster)
         return self._astray[port, joint]
+
+    def made(self, what: Hashable, make: Callable[[], Array]) -> Array:
+        """What is made of its signals, if that was not the last time: one thing is kept, as it may be large."""
+        if what not in self._made:
+            self._made.clear()
+            self._made[what] = make()
+        return self._made[what]
 
     def at(self, port: str, joint: int) -> tuple[Array, Array, Array]:
         """Position, velocity and torque [S] at a port of a joint."""

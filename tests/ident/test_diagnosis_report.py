@@ -15,7 +15,9 @@ from ident.deviations import Deviation
 from ident.diagnose import status_of
 from ident.diagnosis_json import verdict_document
 from ident.diagnosis_report import html, not_held_out, sentence, text, todo
+from ident.effects.crosstalk import crosstalk
 from ident.effects.learned import learned
+from ident.effects.memory import remembering
 from ident.effects.motor import InputDelay
 from ident.effects.response import response
 from ident.effects.ringing import Ringing
@@ -251,6 +253,35 @@ def test_a_mass_that_rings_is_told_by_its_numbers_and_drawn_as_the_inertia_that_
     ET.fromstring(figure)
     found = felt(d, effect)
     assert len(found.records) > 1 and len(found.f) == len(found.measured) == len(found.law)
+
+
+@pytest.mark.parametrize(
+    ("port", "said"),
+    [
+        ("motor", ("a loop over motor torque", "up to 0.002 Nm in a loop of +- 0.02 Nm")),
+        ("sensor", ("a loop over motor angle", "up to 0.002 rad in a loop of +- 0.02 rad")),
+    ],
+)
+def test_a_memory_is_told_and_drawn_as_a_loop(file, port, said):
+    """Of a stop that has slipped, half of what it follows."""
+    d = with_effect(diagnosis(), remembering(port, [0.004, 0.02], 1)(JOINT, (0.5, 0.0)), (1e-4,) * 2)
+    v = verdict_document(d, [file])
+    loop = v["effects"][0]["curve"]["loop"]
+    assert max(loop["over"]) == pytest.approx(0.02) and max(loop["output"]) == pytest.approx(0.002)
+    page = html(d, v)
+    assert said[0] in page and said[1] in page and ", ".join(said) in text(v) and "height_" not in page
+    assert ("An error of the encoder" in page) == (port == "sensor") and "where loops, of what it was before" in page
+    ET.fromstring(re.findall(r"<svg.*?</svg>", page, re.DOTALL)[1])
+
+
+@pytest.mark.parametrize(("port", "what"), [("motor", "torque"), ("sensor", "angle")])
+def test_crosstalk_is_told_by_its_share_and_the_joint_of_which_it_comes(file, port, what):
+    d = with_effect(diagnosis(), crosstalk(port, 2)(JOINT, (0.02,)), (1e-4,))
+    v = verdict_document(d, [file])
+    page = html(d, v)
+    assert v["effects"][0]["curve"]["from_joint"] == 3
+    assert f"a share of the {what} of the motor of joint 3, 2 % of it" in text(v)
+    assert f"a share of the {what} of the motor of joint 3" in page and "<b>2 % of it</b></td>" in page
 
 
 def test_a_delay_is_drawn_by_its_phase(file):

@@ -1,0 +1,101 @@
+"""Signals of another joint in one's own: seen as that, of the right joint, and drawn to the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import final
+
+import numpy as np
+import pytest
+
+from ident.bench import simulate
+from ident.candidates import added
+from ident.coupled import declared_start
+from ident.crosstalks import crosstalks
+from ident.curves import curves
+from ident.effects.base import Effect, Parameter
+from ident.effects.crosstalk import Crosstalk, crosstalk
+from ident.effects.motion import State
+from ident.evidence import evidence, gravity_basis
+from ident.frf import estimate
+from ident.parts import Split
+from ident.refits import Bench, Refit, excess, first, fitted, linearised
+from ident.refits import State as Fitted
+from ident.trace import Linearised
+from ident.tried import refitted
+from symgen.plan import chain_of_robot, make_model
+from symgen.robot import load_robot
+
+ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, fs=500.0))
+JOINT, OTHER, SHARE = 1, 2, 0.03
+CELLS = (("joint2", (0.0, 0.6, 0.9)), ("joint3", (0.0, -0.4, 1.8)))
+
+
+@final
+class OfAnotherAmplifier(Effect):
+    """A motor that gives a share of what another one is asked for."""
+
+    name, port = "of-another-amplifier", "motor"
+    parameters = (Parameter("share", "", -1.0, 1.0, (0.01,), linear=True),)
+
+    def loads(self, states: Sequence[State]) -> tuple[tuple[str, int, float], ...]:
+        return (("motor", JOINT, self["share"] * states[OTHER].tau),)
+
+
+@cache
+def bench() -> Bench:
+    """Short records, the same to fit, choose and report."""
+    chain = chain_of_robot(SHORT)
+    cells = [(joint, np.array(q)) for joint, q in CELLS]
+    c = simulate(chain, SHORT, cells, effects=[OfAnotherAmplifier(JOINT, (SHARE,))], workers=1, seed=3)
+    model = make_model(chain, believe_zeros=True)
+    basis = gravity_basis(model, c.gravity)
+    responses = tuple(estimate(record, c) for record in c.records)
+    data = tuple(evidence(c, model, basis, frf, k, "every") for k, frf in enumerate(responses))
+    return Bench(c, model, basis, Split(data, data, data, ""), declared_start(c, model, responses, basis), 1)
+
+
+@cache
+def declared() -> tuple[Fitted, Linearised]:
+    start = first(bench())
+    return start, linearised(start.problem, start.minimum.vector)
+
+
+def test_what_comes_of_another_amplifier_is_drawn_to_the_noise() -> None:
+    start, lin = declared()
+    likely = curves(lin)[0]
+    ((_, hasty),) = refitted(bench(), start, [(likely, lin)], lambda line: None)
+    state = fitted(bench(), Refit.of(hasty))
+    found = state.effects[-1]
+    assert isinstance(found, Crosstalk) and (found.port, found.joint, found.other) == ("motor", JOINT, OTHER)
+    assert found.values[0] == pytest.approx(SHARE, rel=0.05)
+    assert excess(bench(), state) < 1.1 < 0.5 * excess(bench(), start)
+
+
+def test_what_comes_of_another_encoder_is_seen_where_it_is() -> None:
+    """To first order: of a residual that is nothing else."""
+    _, lin = declared()
+    true = crosstalk("sensor", OTHER)(JOINT, (SHARE,))
+    r = tuple(np.zeros_like(r) if x is None else x for r, x in zip(lin.r, added(lin, true), strict=True))
+    found = curves(replace(lin, r=r))[0].effect
+    assert isinstance(found, Crosstalk) and (found.port, found.joint, found.other) == ("sensor", JOINT, OTHER)
+    assert found.values[0] == pytest.approx(SHARE, rel=1e-3)
+
+
+def test_only_joints_that_move_together_are_tried() -> None:
+    _, lin = declared()
+    assert len(crosstalks(lin)) == 2 * 3 * 2
+    data = [
+        replace(one, scene=replace(one.scene, arm=replace(one.scene.arm, live=np.array(live))))
+        for one, live in zip(lin.problem.data, ([0, 1], [2]), strict=True)
+    ]
+    pairs = [
+        (kind.other, joint)
+        for kind, joint in crosstalks(replace(lin, problem=replace(lin.problem, data=tuple(data))))
+        if issubclass(kind, Crosstalk)
+    ]
+    assert sorted(pairs) == [(0, 1), (0, 1), (1, 0), (1, 0)]
