@@ -23,7 +23,7 @@ from ident.effects.structure import LinkFlexibility
 from ident.refits import Refit, instead
 
 DOF, BASE = 1000, 3
-BENCH: Any = SimpleNamespace(split=SimpleNamespace(select=()))
+BENCH: Any = SimpleNamespace(split=SimpleNamespace(select=()), late=False)
 DELAY, LAG, DRY = InputDelay(2, (1e-3,)), TorqueLag(2, (1.1e-3,)), LinkCoulomb(2, (0.07,))
 
 

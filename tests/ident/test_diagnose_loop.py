@@ -195,7 +195,7 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
         return (bent if state is start else straight), [SimpleNamespace(partly=())]
 
     stand_ins = dict.fromkeys(
-        ("apart", "exchanged", "pruned"), lambda bench, state, added, progress: (state, added)
+        ("apart", "exchanged", "pruned", "in_each_record"), lambda bench, state, added, progress: (state, added)
     ) | {
         "excess": lambda bench, state: state.left,
         "something_departs": lambda bench, state: state.left > 1.1,

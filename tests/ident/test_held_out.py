@@ -168,4 +168,4 @@ def test_what_an_effect_makes_worse_leaves_the_shares_of_others_below_all():
 def test_lines_above_the_last_edge_carry_the_effect_too(monkeypatch):
     monkeypatch.setattr("ident.departures.EDGES", (0.0, 5.0, inf))
     _, bands = carried(diagnosis(), diagnosis().added[0].effect)
-    assert set(bands) == {"0-5 Hz", "above 5 Hz"} and abs(sum(bands.values()) - 1.0) < 1e-9
+    assert bands["above 5 Hz"] > 0.0 and sum(bands.values()) <= 1.0 + 1e-9

@@ -58,6 +58,7 @@ def test_a_last_descent_whose_motions_no_longer_hold_is_taken_back(
     monkeypatch.setattr(ident.refits, "chi_squared", lambda problem, vector, held: left[float(vector[0])])
     monkeypatch.setattr(ident.refits, "replace", lambda one, **new: SimpleNamespace(**{**vars(one), **new}))
     problem = SimpleNamespace(effects_at=lambda vector: (), expected=None)
+    BENCH.guess = SimpleNamespace(K=np.zeros(1), vector=lambda: np.zeros(1))
     BENCH.split, BENCH.problem = SimpleNamespace(fit=(), select=()), lambda *of: problem
     state = fitted(BENCH, Refit(np.zeros(1), (), (), ()))
     assert (state.minimum.vector, state.select) == (ends, left[ends])
