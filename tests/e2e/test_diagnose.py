@@ -153,7 +153,7 @@ def test_readme_shows_the_commands_and_the_table_that_there_are() -> None:
         "inertia": {"J": {"change_rms": [[None]], "std_after": [[None]]}},
         "error": {
             "before": errors,
-            "after": errors | {"all": 0.00113, "per_joint": {"joint1": 0.0012}},
+            "after": errors | {"all": 0.00112, "per_joint": {"joint1": 0.0012}},
             "noise_floor": 0.00134,
         }
         | {"noise_per_joint": {"joint1": 0.00143}, "noise_per_band": {}},
