@@ -152,6 +152,7 @@ def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing(s
     np.testing.assert_allclose(effect.values[:3], BASE.values[:3], rtol=0.02)
 
 
+@pytest.mark.bench
 def test_what_it_carries_is_told_anew_once_another_effect_is_known_too() -> None:
     bench = begun().bench
     effects, values = (BASE, LinkViscous(0, (0.1,))), (*BASE.values, 0.1)

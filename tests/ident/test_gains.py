@@ -88,6 +88,7 @@ def drawn(*effects: Effect) -> State:
     return fitted(one.bench, Refit.of(best))
 
 
+@pytest.mark.bench
 def test_a_current_loop_of_second_order_is_drawn_to_the_noise() -> None:
     """To 1 % of the torque from 5 Hz; slower, these short records hardly tell."""
     loop = LOOP(JOINT, (1e-3,))

@@ -109,6 +109,7 @@ def declared() -> tuple[Fitted, Linearised]:
     return start, linearised(start.problem, start.minimum.vector)
 
 
+@pytest.mark.bench
 def test_a_torque_that_lags_is_drawn_to_the_noise() -> None:
     start, lin = declared()
     likely = curves(lin)[0]

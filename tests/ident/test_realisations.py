@@ -88,6 +88,7 @@ def test_a_linear_arm_differs_by_noise(linear: Campaign) -> None:
     assert text(found) == "Realisations differ by no more than noise in all 2 cells: no nonlinear distortion is seen"
 
 
+@pytest.mark.bench
 def test_friction_differs_beyond_it() -> None:
     found = told(campaign("motor-coulomb:level=0.002@joint3", realisations=2))
     rubbing, free = found
@@ -131,6 +132,7 @@ def test_a_record_played_again_or_at_another_size_is_none(linear: Campaign) -> N
         assert told(replace(linear, records=records)) == ()
 
 
+@pytest.mark.bench
 def test_from_the_command_line_to_the_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every cell twice, fitted together; one line on the page, and in result.json what each cell tells."""
     file, out = tmp_path / "c.h5", tmp_path / "out"

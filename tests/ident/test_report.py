@@ -150,6 +150,7 @@ def test_identified_numbers_are_the_truth_within_their_errors(good):
     assert document["physically_consistent"]["ok"] and document["not_identifiable"] == []
 
 
+@pytest.mark.bench
 def test_what_was_not_measured_is_null_and_named(good):
     known = np.array([True] * 5 + [False])
     unseen = np.eye(6)[:, 5:]
@@ -416,6 +417,7 @@ def test_a_result_that_can_not_be_right_is_not_said_to_explain_nothing(good):
     assert "NOT EXPLAIN" not in text and "BUT THE RESULT CAN NOT BE RIGHT" in text
 
 
+@pytest.mark.bench
 def test_constants_are_counted_as_the_table_has_them(whole):
     """Of general links 13, of which J_ii shows 9; all of them count where all motors are fitted."""
     general = identify(whole.campaign, believe_zeros=False)

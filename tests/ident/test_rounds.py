@@ -110,6 +110,7 @@ def test_no_second_effect_is_looked_for_once_it_is_late(names: bool, monkeypatch
     assert _two(bench, nothing, tried, nothing, 0.0, asked.append) is None and len(asked) == 2 * names
 
 
+@pytest.mark.bench
 def test_an_effect_to_which_another_only_led_is_added_alone(begun: Begun) -> None:
     bench = begun.bench
     state = alone(begun, RINGS)[1]
