@@ -249,6 +249,7 @@ def test_a_winding_valley_is_followed_by_its_bend() -> None:
     assert 0.9 < (found[0] - along[0]) / np.log(1.0 / 0.75) < 1.1
 
 
+@pytest.mark.bench
 def test_at_another_posture_what_is_of_second_order_is_another_too() -> None:
     d = diagnosis()
     basis = gravity_basis(d.model, d.campaign.gravity)

@@ -67,6 +67,7 @@ def test_friction_is_sized_by_records_in_which_its_joint_slides() -> None:
     assert found.gain > 0.5 * lin.chi2
 
 
+@pytest.mark.bench
 def test_how_a_contact_creeps_is_found_where_that_leaves_less() -> None:
     bench, start = begun().bench, begun().start
     scales, limits = (LEVEL,), ((0.0, 1.0),)

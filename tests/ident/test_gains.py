@@ -108,6 +108,7 @@ def test_two_names_take_the_place_of_a_response_that_they_make() -> None:
     assert [e.values[0] for e in found.effects] == pytest.approx([1e-3, 1e-3], rel=0.02)
 
 
+@pytest.mark.bench
 def test_no_two_names_take_the_place_of_one_that_they_do_not_make() -> None:
     loop = LOOP(JOINT, (1e-3,))
     assert named_gains(begun(loop).bench, drawn(loop), lambda line: None) is None

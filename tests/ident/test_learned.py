@@ -385,6 +385,7 @@ def test_a_spring_that_a_tooth_winds_is_seen_as_a_curve_of_its_motor() -> None:
     assert best.law(replace(state(1.0), deflection=5.0, tau=7.0)) == best.law(state(1.0)), "of nothing else"
 
 
+@pytest.mark.bench
 def test_a_spring_as_stiff_as_where_its_motor_is_is_drawn_to_the_noise() -> None:
     """With its stiffness, fitted besides, held: one of both is told."""
     law = "mesh-stiffness", 100.0, TEETH
@@ -508,6 +509,7 @@ def test_a_name_that_a_curve_of_its_variable_outdoes_is_in_its_heights() -> None
     assert excess(tools, found) < 1.1
 
 
+@pytest.mark.bench
 def test_a_name_that_curves_outdo_is_drawn_as_a_curve() -> None:
     """The strongest wave of a law of the position is no torque ripple: most of the law is left for a curve beside it."""
     tools = bench("detent", 2e-3, TEETH, 0.4)

@@ -70,7 +70,15 @@ def levels(
             MotorStribeck(0, (5e-3, 3e-2, 2.0)), "joint1", 1.0, 2.0, 1.2, id="periods that differ near standstill"
         ),
         # other draws: 0.5 to 2.9 with the smoothed motion, 15 to 1070 with the measured one
-        pytest.param(MotorStribeck(1, (2e-2, 6e-2, 3.0)), "joint2", 0.5, 100.0, 3.0, id="turns that do not settle"),
+        pytest.param(
+            MotorStribeck(1, (2e-2, 6e-2, 3.0)),
+            "joint2",
+            0.5,
+            100.0,
+            3.0,
+            id="turns that do not settle",
+            marks=pytest.mark.bench,
+        ),
         pytest.param(LinkCoulomb(1, (0.4,)), "joint1", 1.0, 100.0, 1.15, id="a link that sticks"),
         pytest.param(LinkCoulomb(1, (0.4,)), "joint2", 0.5, 1.03, 1.0, id="a link that slides"),
         pytest.param(SpringHardening(1, (3e7,)), "joint2", 1.0, 100.0, 1.15, id="a spring under load"),
@@ -140,6 +148,7 @@ def test_true_parameters_explain_a_record_of_two_effects_at_a_joint(
     assert levels(effect, "joint2", (0.0, 0.4, 0.8), beside, f0=2.0)[1] < 1.1 < before
 
 
+@pytest.mark.bench
 def test_play_beside_what_rubs_is_met_where_sweeps_alone_lead_away() -> None:
     """The best of 30 leaves ten times the noise of this record."""
     assert levels(Backlash(1, (1e-3,)), "joint2", (0.0, 1.2, -0.4), LinkCoulomb(1, (0.4,)))[1] < 1.1
