@@ -13,7 +13,7 @@ from scipy.special import gammaincc
 from ident.campaign import Array, Record
 from ident.leakage import BINS, ORDER, ROUNDING, windows
 
-#: Probability of calling noise a drift, of one record: of 320 none was below 1e-4, but one of an encoder with play.
+#: Probability of calling noise a drift, of one record: of 270 none was below 1e-4, but one of an encoder with play.
 SURE = 1e-8
 #: Most that one line tells, in logarithms of its probability: a line next to a resonance of the noise is no drift.
 MOST = 6.0
