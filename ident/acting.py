@@ -25,15 +25,16 @@ from ident.effects.structure import Giving
 from ident.effects.sway import of_second_order
 from ident.frf import Complex
 from ident.inverses import inverses
+from ident.resting import ASIDE
 from ident.scene import Scene, known, linear_extra
 
 #: Error of every equation, relative to the torque in it; and of that in which a force acts that is not known well.
 TRUST, DOUBT = 1e-4, 0.3
 #: Samples a period per line where all that is of second order is products of two signals: none of theirs falls back on a line.
 OF_PRODUCTS = 3
-#: A joint that is farther from its posture [rad] on the mean is told by another zero; one that is nearer than this share of what its spring
-#: is wound by may be there by a spring that is not known that well.
-ASIDE, SAGS = 0.05, 0.3
+#: A joint that is nearer to its posture than this share of what its spring is wound by may be there by a spring that is not known that
+#: well.
+SAGS = 0.3
 #: Times the forces are computed from the links that they move.
 PASSES = 2
 

@@ -21,11 +21,10 @@ def rested(campaign: Campaign, responses: Sequence[Frf], K: Array) -> tuple[Frf,
     None where all rest as declared. A joint that rests farther off than an angle's zero may be is left at its declared posture.
     Raises IdentError for a response without spectra.
     """
-    return (
-        None
-        if all(np.all(np.abs(_aside(campaign, frf, K)) <= THERE) for frf in responses)
-        else tuple(replace(frf, posture=frf.posture + _aside(campaign, frf, K)) for frf in responses)
-    )
+    aside = [_aside(campaign, frf, K) for frf in responses]
+    if np.all(np.abs(aside) <= THERE):
+        return None
+    return tuple(replace(frf, posture=frf.posture + away) for frf, away in zip(responses, aside, strict=True))
 
 
 def _aside(campaign: Campaign, frf: Frf, K: Array) -> Array:

@@ -11,6 +11,7 @@ from typing import Any
 import diagnosed
 import numpy as np
 import pytest
+from fitting import bench_of
 from outside import OUTSIDE
 
 import ident.curves
@@ -25,17 +26,15 @@ from ident.effects.base import Effect, Law, Parameter
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import LearnedLaw, at_knots, bent, learned
 from ident.effects.motion import State
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
+from ident.evidence import gravity_basis
 from ident.minima import fully, told
-from ident.parts import Split
 from ident.periods import Spectrum, spectrum
 from ident.refits import Bench, Refit, excess, first, fitted, linearised
 from ident.refits import State as Fitted
 from ident.rest import _mended
 from ident.trace import Linearised, linearise
 from ident.tried import refitted
-from symgen.plan import chain_of_robot, make_model
+from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
@@ -179,11 +178,7 @@ def _bench(name: str, values: tuple[float, ...], rests: tuple[float, ...]) -> Be
     chain = chain_of_robot(robot)
     cells = [(chain.names[JOINT], angle * np.eye(chain.n)[JOINT]) for angle in rests]
     c = simulate(chain, robot, cells, effects=[LAWS[name](JOINT, values)], workers=1, seed=3)
-    model = make_model(chain, believe_zeros=True)
-    basis = gravity_basis(model, c.gravity)
-    responses = tuple(estimate(record, c) for record in c.records)
-    data = tuple(evidence(c, model, basis, frf, k, "every") for k, frf in enumerate(responses))
-    return Bench(c, model, basis, Split(data, data, data, ""), declared_start(c, model, responses, basis), 1)
+    return bench_of(c, chain)
 
 
 def declared(name: str, *values: float, rests: tuple[float, ...] = RESTS) -> Fitted:

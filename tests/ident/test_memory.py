@@ -10,23 +10,20 @@ from typing import Any, final
 
 import numpy as np
 import pytest
+from fitting import bench_of
 
 from ident.bench import simulate
 from ident.candidates import added
-from ident.coupled import declared_start
 from ident.curves import curves
 from ident.effects.hysteresis import Hysteresis
 from ident.effects.memory import Remembering, remembering, stops
 from ident.effects.motion import State
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
 from ident.minima import told
-from ident.parts import Split
 from ident.refits import Bench, Refit, excess, first, fitted, linearised
 from ident.refits import State as Fitted
 from ident.trace import Linearised
 from ident.tried import refitted
-from symgen.plan import chain_of_robot, make_model
+from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[2] / "robots" / "ypp3")
@@ -96,11 +93,7 @@ def bench() -> Bench:
     chain = chain_of_robot(SHORT)
     cells = [(chain.names[JOINT], angle * np.eye(chain.n)[JOINT]) for angle in RESTS]
     c = simulate(chain, SHORT, cells, effects=[Magnetic(JOINT, (2e-3, 0.05))], workers=1, seed=3)
-    model = make_model(chain, believe_zeros=True)
-    basis = gravity_basis(model, c.gravity)
-    responses = tuple(estimate(record, c) for record in c.records)
-    data = tuple(evidence(c, model, basis, frf, k, "every") for k, frf in enumerate(responses))
-    return Bench(c, model, basis, Split(data, data, data, ""), declared_start(c, model, responses, basis), 1)
+    return bench_of(c, chain)
 
 
 @cache
