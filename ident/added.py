@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ident.candidates import catalogue
-from ident.choice import ALIKE, LEAST_SHARE, chosen
+from ident.choice import ALIKE, LEAST_SHARE, chosen, left_by
 from ident.curves import curves
 from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned, LearnedLaw, at_knots, learned
@@ -22,10 +22,10 @@ from ident.refits import (
     Refit,
     State,
     all_fitted,
-    excess,
     fitted,
     instead,
     linearised,
+    reduced_chi2,
     same,
     some,
     without,
@@ -66,9 +66,7 @@ class Added:
     besides: State | None = None
 
 
-def exchanged(
-    bench: Bench, state: State, added: list[Added], progress: Callable[[str], None]
-) -> tuple[State, list[Added]]:
+def exchanged(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
     """The model with others in the place of earlier effects, where these leave much less now that more is known.
 
     What two effects leave alone is nearly the same while a third is missing; where something is still left it may be because
@@ -77,25 +75,23 @@ def exchanged(
     dof = degrees(bench.split.select)
     for k, entry in enumerate(added[:-1]):
         others = [one for one in entry.others if all(not same(one.effects[-1], e) for e in state.effects)]
-        if excess(bench, state) <= NAMED or not others or not any(same(entry.effect, e) for e in state.effects):
+        if reduced_chi2(bench, state) <= NAMED or not others or not any(same(entry.effect, e) for e in state.effects):
             continue
         hastily = all_fitted(bench, [replace(instead(state, entry.effect, one), roughly=HASTILY) for one in others])
         likely = [Refit.of(one) for one in hastily if one.select < HASTILY_MORE * state.select]
         best = min(all_fitted(bench, likely), key=lambda one: one.select, default=state)
         least = max(LEAST_GAIN, LEAST_SHARE * (state.select - dof))
         by_curve = isinstance(added[-1].effect, Learned)
-        if best.select > state.select - least or (by_curve and excess(bench, best) > CLOSE):
+        if best.select > state.select - least or (by_curve and reduced_chi2(bench, best) > CLOSE):
             continue
         new = next(e for e in best.effects if all(not same(e, old) for old in state.effects))
-        progress(f"  instead of {told(entry.effect)}, {told(new)}: {excess(bench, best):.4g}")
+        bench.say(f"  instead of {told(entry.effect)}, {told(new)}: {reduced_chi2(bench, best):.4g}")
         rivals = ((entry.effect, entry.after), *(one for one in entry.rivals if not same(one[0], new)))
         state, added = best, [*added[:k], replace(entry, effect=new, rivals=rivals, tied=()), *added[k + 1 :]]
     return state, added
 
 
-def pruned(
-    bench: Bench, state: State, added: list[Added], progress: Callable[[str], None]
-) -> tuple[State, list[Added]]:
+def pruned(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
     """The model without those earlier effects that the last one of `added` has made superfluous."""
     added = _of_model(state, added)
     last = added[-1].effect
@@ -104,13 +100,13 @@ def pruned(
         if by_curve and not outdone(old, added):
             continue  # a curve can play any law of its variable: it takes no name away
         less = without(bench, state, old)
-        if excess(bench, less) <= CLOSE and less.select >= state.select + LEAST_GAIN:
+        if reduced_chi2(bench, less) <= CLOSE and less.select >= state.select + LEAST_GAIN:
             less = fully(bench, less)
         if less.select < state.select + LEAST_GAIN:
-            progress(f"  without {told(old)} as well: {excess(bench, less):.4g}")
+            bench.say(f"  without {told(old)} as well: {reduced_chi2(bench, less):.4g}")
             state, added = less, _of_model(less, renewed(state, less, added))
         elif by_curve:
-            state, added = drawn_over(bench, state, less, old, added, progress)
+            state, added = drawn_over(bench, state, less, old, added)
     return state, added
 
 
@@ -135,9 +131,7 @@ def _of_model(state: State, added: list[Added]) -> list[Added]:
     return [*before, replace(last, partly=partly, besides=fewest)]
 
 
-def drawn_over(
-    bench: Bench, state: State, less: State, named: Effect, added: list[Added], progress: Callable[[str], None]
-) -> tuple[State, list[Added]]:
+def drawn_over(bench: Bench, state: State, less: State, named: Effect, added: list[Added]) -> tuple[State, list[Added]]:
     """The model with a name in the heights of the last curve, or another curve in its place, if either does as well; `less` is the one
     without the name."""
     if (flat := _flat(named)) is not None:
@@ -148,7 +142,7 @@ def drawn_over(
     most = _as_well(bench, state)
     if (whole := _in_one(bench, state, named)) is not None:
         best = fully(bench, fitted(bench, whole))
-        progress(f"  {told(named)} in the curve: {excess(bench, best):.4g}")
+        bench.say(f"  {told(named)} in the curve: {reduced_chi2(bench, best):.4g}")
         if best.select <= most:
             curve = next(a for a in added if same(a.effect, state.effects[-1]))
             first, *others = both = [a for a in added if a is curve or same(a.effect, named)]
@@ -156,10 +150,10 @@ def drawn_over(
             return best, [entry if a is first else a for a in added if a not in others]
     lin = linearised(less.problem, less.minimum.vector)
     here = [c for c in curves(lin, bench.workers) if (c.effect.port, c.effect.joint) == (named.port, named.joint)]
-    tried = refitted(bench, less, [(c, lin) for c in here[:CURVES]], progress)
+    tried = refitted(bench, less, [(c, lin) for c in here[:CURVES]])
     if not tried:
         return state, added
-    best = fully(bench, min(tried, key=lambda one: one[1].select)[1])
+    best = fully(bench, min(tried, key=left_by).state)
     if best.select > most:
         return state, added
     entries = renewed(state, less, added)
@@ -214,22 +208,19 @@ def outdone(named: Effect, added: Sequence[Added]) -> bool:
     return less or sum(a.gain for a in here) > OUTDONE * alone.gain
 
 
-def renamed(
-    bench: Bench, state: State, curve: Effect, added: list[Added], first: float, progress: Callable[[str], None]
-) -> tuple[State, list[Added]]:
-    """The model with a name in a learned curve's place, if one does as well now that more is known, or leaves nothing;
-    `first` as in `rounds.another`."""
+def renamed(bench: Bench, state: State, curve: Effect, added: list[Added]) -> tuple[State, list[Added]]:
+    """The model with a name in a learned curve's place, if one does as well now that more is known, or leaves nothing."""
     less = without(bench, state, curve)
     lin = linearised(less.problem, less.minimum.vector)
     names = catalogue(lin, less.effects, bench.workers, at=(curve.port, curve.joint))
-    progress(f"without {told(curve)}: {excess(bench, less):.4g}")
+    bench.say(f"without {told(curve)}: {reduced_chi2(bench, less):.4g}")
     limit = _as_well(bench, state)
-    if excess(bench, less) <= CLOSE:
+    if reduced_chi2(bench, less) <= CLOSE:
         names = promising(bench, names, less.select - limit)
-    tried = polished(bench, refitted(bench, less, [(c, lin) for c in names[:NAMES]], progress), first, progress)
+    tried = polished(bench, refitted(bench, less, [(c, lin) for c in names[:NAMES]]))
     best = chosen(bench, tried, less.select)
-    if best is None or best[1].select > limit:
+    if best is None or best.state.select > limit:
         return state, added
-    new = fully(bench, best[1])
+    new = fully(bench, best.state)
     entries = [replace(a, effect=new.effects[-1]) if same(a.effect, curve) else a for a in added]
     return (new, entries) if new.select <= limit else (state, added)

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from ident.added import Added
 from ident.minima import LEAST_GAIN, told
-from ident.refits import HASTILY, NAMED, Bench, Refit, State, but_last, excess, fitted, some, without
+from ident.refits import HASTILY, NAMED, Bench, Refit, State, but_last, fitted, reduced_chi2, some, without
 
 #: Share of what the arm's effect leaves that those of its joints may leave.
 FAR_LESS = 0.5
 
 
-def apart(bench: Bench, state: State, added: list[Added], progress: Callable[[str], None]) -> tuple[State, list[Added]]:
+def apart(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
     """The model with effects of single joints in the place of its last one, that of the whole arm, where that leaves something and they
     far less, and not every joint needs its own."""
     entry, whole = added[-1], state.effects[-1]
     of_joints = "joint" in whole.scope and not any(e.name == whole.name for e in state.effects[:-1])
-    if whole.joint is not None or not of_joints or excess(bench, state) <= NAMED or bench.late:
+    if whole.joint is not None or not of_joints or reduced_chi2(bench, state) <= NAMED or bench.late:
         return state, added
     best = fitted(bench, Refit.of(fitted(bench, _of_each(bench, state))))
     others = len(state.effects) - 1
@@ -28,9 +27,9 @@ def apart(bench: Bench, state: State, added: list[Added], progress: Callable[[st
         less = without(bench, best, effect)
         best = less if less.select < best.select + LEAST_GAIN else best
     found = best.effects[others:]
-    if not 0 < len(found) < bench.model.chain.n or excess(bench, best) > FAR_LESS * excess(bench, state):
+    if not 0 < len(found) < bench.model.chain.n or reduced_chi2(bench, best) > FAR_LESS * reduced_chi2(bench, state):
         return state, added
-    progress(f"  of single joints, {' and '.join(map(told, found))}: {excess(bench, best):.4g}")
+    bench.say(f"  of single joints, {' and '.join(map(told, found))}: {reduced_chi2(bench, best):.4g}")
     return best, [*added[:-1], *(replace(entry, effect=effect, tied=(), others=()) for effect in found)]
 
 

@@ -3,7 +3,7 @@ balanced by friction that is known."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,31 +15,31 @@ from ident.effects.base import Effect
 from ident.effects.creeping import Creeping
 from ident.effects.motor import TorqueScale
 from ident.minima import CREPT, creeping_like, crept, told
-from ident.refits import Bench, Refit, State, all_fitted, excess, same
+from ident.refits import Bench, Refit, State, all_fitted, reduced_chi2, same
 from ident.trace import Linearised
 
 
-def as_it_creeps(bench: Bench, tried: list[Tried], near: float, progress: Callable[[str], None]) -> list[Tried]:
+def as_it_creeps(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
     """The candidates, the best one as its contact creeps, if it is dry and leaves more than `near` times the noise power; plainer laws of
     its port likewise."""
     best = min(tried, key=left_by, default=None)
-    if best is None or excess(bench, best[1]) <= near or (state := crept(bench, best[1])) is best[1]:
+    if best is None or reduced_chi2(bench, best.state) <= near or (state := crept(bench, best.state)) is best.state:
         return tried
-    if state.select > CREPT * best[1].select:
+    if state.select > CREPT * best.state.select:
         return tried
     law = state.effects[-1]
     creeps = isinstance(law, Creeping)
-    progress(f"  {'as it creeps' if creeps else 'on'}, {told(law)}: {excess(bench, state):.4g}")
+    bench.say(f"  {'as it creeps' if creeps else 'on'}, {told(law)}: {reduced_chi2(bench, state):.4g}")
     alike = [
         one for one in tried
-        if creeps and one[1].effects[-1].dry and not is_curve(one) and one[0].key[1:] == best[0].key[1:] and one[0].effect.numbers < law.numbers
+        if creeps and one.state.effects[-1].dry and not is_curve(one) and one.candidate.key[1:] == best.candidate.key[1:] and one.candidate.effect.numbers < law.numbers
     ]  # fmt: skip
     found = {id(best): state}
     for one in alike:
-        likewise = min(all_fitted(bench, _likewise(one[1], state)), key=lambda other: other.select)
-        progress(f"  likewise, {told(likewise.effects[-1])}: {excess(bench, likewise):.4g}")
+        likewise = min(all_fitted(bench, _likewise(one.state, state)), key=lambda other: other.select)
+        bench.say(f"  likewise, {told(likewise.effects[-1])}: {reduced_chi2(bench, likewise):.4g}")
         found[id(one)] = likewise
-    return [(one[0], found.get(id(one), one[1])) for one in tried]
+    return [one.refitted(found.get(id(one), one.state)) for one in tried]
 
 
 def balanced(lin: Linearised, effects: Sequence[Effect]) -> list[Candidate]:

@@ -35,10 +35,10 @@ from ident.refits import (
     Refit,
     State,
     all_fitted,
-    excess,
-    first,
+    begun,
     fitted,
     on_declared_links,
+    reduced_chi2,
     same,
     some,
 )
@@ -74,6 +74,10 @@ BY_LINES = (
 GivesWay = Callable[[State, Split], bool]
 
 
+def _nothing(line: str) -> None:
+    """Says nothing."""
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What was found. `start` is the arm without effects, `end` with them; `off` declared numbers that it contradicts, surest first; `status` as in the verdict format."""
@@ -102,16 +106,14 @@ class Diagnosis:
         return self.end.select / max(degrees(self.split.select), 1)
 
 
-def diagnose(
-    campaign: Campaign, model: Model, *, workers: int = 1, progress: Callable[[str], None] = lambda line: None
-) -> Diagnosis:
+def diagnose(campaign: Campaign, model: Model, *, workers: int = 1, say: Callable[[str], None] = _nothing) -> Diagnosis:
     """Returns what explains the records of `campaign` beyond the declared arm `model`, errors before and after.
 
     Candidates are tried by `workers` processes; the result does not depend on how many.
     Raises IdentError for a campaign without usable records.
     """
     responses = tuple(estimate(record, campaign) for record in campaign.records)
-    return begin(campaign, model, responses, workers).diagnosed(progress)
+    return begin(campaign, model, responses, workers, say=say).diagnosed()
 
 
 def _never(state: State, split: Split) -> bool:
@@ -136,7 +138,7 @@ class Begun:
     @property
     def alone(self) -> float:
         """chi^2 per degree of freedom that the arm without effects leaves on the choosing records."""
-        return excess(self.bench, self.start)
+        return reduced_chi2(self.bench, self.start)
 
     def beside(self, end: State, split: Split, fewer: int = 0) -> tuple[Bench, State]:
         """This arm with the effects found with another, `end`, by the same parts of the records, or with so many `fewer` of them as do
@@ -161,24 +163,24 @@ class Begun:
         )
         return Split(fit, select, report, split.note)
 
-    def diagnosed(self, progress: Callable[[str], None] = lambda line: None, gives_way: GivesWay = _never) -> Diagnosis:
+    def diagnosed(self, gives_way: GivesWay = _never) -> Diagnosis:
         """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm."""
         data, bench, start = self.data, self.bench, self.start
         if bench.split.note:
-            progress(BY_LINES)
-        state, added = _loop(bench, start, progress, None, gives_way)
+            bench.say(BY_LINES)
+        state, added = _loop(bench, start, None, gives_way)
         left = left_over(bench, start, state)
         if not bench.split.note and not bench.late and is_doubtful(bench, start, state, bool(left)):
-            progress(BY_LINES)
+            bench.say(BY_LINES)
             by_lines = _by_lines(bench, data)
             resumed = _resumed(*by_lines, state, added)
             if resumed is not None or (left and (not added or share_left(bench, start, state) > LEFT)):
-                other, more = _loop(*by_lines, progress, resumed, gives_way)
+                other, more = _loop(*by_lines, resumed, gives_way)
                 if share_left(*by_lines, other) < share_left(bench, start, state):
                     (bench, start), state, added = by_lines, other, more
                     left = left_over(bench, start, state)
         if left and is_of_one_joint(bench, start, state, added):
-            progress(f"not named, as it leaves {excess(bench, state):.4g}: {added[0].effect.name}")
+            bench.say(f"not named, as it leaves {reduced_chi2(bench, state):.4g}: {added[0].effect.name}")
             state, added = start, []
             left = left_over(bench, start, state)
         found, contradictions = state, () if left else contradicted(bench, state)
@@ -229,7 +231,12 @@ def _better(start: State, added: Sequence[Added]) -> State:
 
 
 def begin(
-    campaign: Campaign, model: Model, responses: tuple[Frf, ...], workers: int = 1, until: float = np.inf
+    campaign: Campaign,
+    model: Model,
+    responses: tuple[Frf, ...],
+    workers: int = 1,
+    until: float = np.inf,
+    say: Callable[[str], None] = _nothing,
 ) -> Begun:
     """Returns what a diagnosis begins with; `responses` are those of all records; nothing new is looked for once `time.monotonic()` is
     `until`. Raises IdentError for none."""
@@ -238,8 +245,8 @@ def begin(
     basis = gravity_basis(model, campaign.gravity)
     data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
     guess = declared_start(campaign, model, responses, basis)
-    bench = Bench(campaign, model, basis, split(data, model), guess, workers, until=until)
-    start = first(bench)
+    bench = Bench(campaign, model, basis, split(data, model), guess, workers, until=until, say=say)
+    bench, start = begun(bench)
     if not bench.split.note and is_uneven(bench, start):
         bench, start = _by_lines(bench, data)
     return Begun(responses, data, bench, start)
@@ -247,8 +254,7 @@ def begin(
 
 def _by_lines(bench: Bench, data: tuple[Evidence, ...]) -> tuple[Bench, State]:
     """All records in each part, and the arm without effects."""
-    bench = replace(bench, split=split_lines(data, "what departs shows in too few records"))
-    return bench, first(bench)
+    return begun(replace(bench, split=split_lines(data, "what departs shows in too few records")))
 
 
 def _resumed(bench: Bench, start: State, found: State, added: Sequence[Added]) -> tuple[State, list[Added]] | None:
@@ -259,7 +265,7 @@ def _resumed(bench: Bench, start: State, found: State, added: Sequence[Added]) -
         return None
     plain = on_declared_links(found)
     state = fitted(bench, plain or Refit.of(found))
-    if plain is not None and excess(bench, state) > NAMED:
+    if plain is not None and reduced_chi2(bench, state) > NAMED:
         state = fitted(bench, Refit.of(found))
     if share_left(bench, start, state) > LEFT:
         return None
@@ -273,60 +279,59 @@ def _resumed(bench: Bench, start: State, found: State, added: Sequence[Added]) -
 def _loop(
     bench: Bench,
     start: State,
-    progress: Callable[[str], None],
     resumed: tuple[State, list[Added]] | None = None,
     gives_way: GivesWay = _never,
 ) -> tuple[State, list[Added]]:
     """The arm with those effects that earned their place beyond `start`, or beyond those `resumed`, and these in the order in which
     they were added."""
     state, added = resumed or (start, [])
-    progress(
-        f"the {'arm with what was found' if added else 'declared arm'}: chi2 {excess(bench, state):.3g} a degree of freedom"
+    bench.say(
+        f"the {'arm with what was found' if added else 'declared arm'}: chi2 {reduced_chi2(bench, state):.3g} a degree of freedom"
     )
-    state = begun_afresh = links_anew(bench, state, progress) if added else state
-    if not added and excess(bench, state) > BENT:
-        bench = unbent(bench, state, progress)
+    state = begun_afresh = links_anew(bench, state) if added else state
+    if not added and reduced_chi2(bench, state) > BENT:
+        bench = unbent(bench, state)
     missing: Sequence[Tried] = ()
     for _ in range(MOST_ROUNDS):
         little = bool(added) and is_little(bench, start, state)
         departs = something_departs(bench, state) or (
-            (not added or excess(bench, state) > DOUBTED) and is_suspect(bench, state)
+            (not added or reduced_chi2(bench, state) > DOUBTED) and is_suspect(bench, state)
         )
-        if not departs or (little and excess(bench, state) <= NAMED) or bench.late:
+        if not departs or (little and reduced_chi2(bench, state) <= NAMED) or bench.late:
             break
         if added and not missing and gives_way(state, bench.split):
             break
         bends = not bench.split.note and may_bend(bench, start, state)  # then it is tried by lines next
         partly = [one for entry in reversed(added) for one in entry.partly]
-        step = another(bench, state, start.select, progress, little, bends, partly, missing)
+        step = another(bench, state, little, bends, partly, missing)
         if step is None:
             break
         state, more = step
         added += more
         if bench.late:
             break
-        state, added = in_each_record(bench, state, added, progress)
+        state, added = in_each_record(bench, state, added)
         missing, tried_from = (), state
         if may_be_bent(bench, start, state):  # is what was missing the way, or is more missing?
-            missing = one_more(bench, state, progress)
+            missing = one_more(bench, state)
             if not missing:
-                state = begun_afresh = afresh(bench, state, progress)
+                state = begun_afresh = afresh(bench, state)
         if (
             not (missing or bench.split.note)
             and share_left(bench, start, state) > MUCH
             and may_bend(bench, start, state)
         ):
             break  # lines of every record tell more
-        state, added = apart(bench, state, added, progress)
-        state, added = exchanged(bench, state, added, progress)
-        state, added = pruned(bench, state, added, progress)
+        state, added = apart(bench, state, added)
+        state, added = exchanged(bench, state, added)
+        state, added = pruned(bench, state, added)
         for curve in [e for e in state.effects[:-1] if isinstance(e, Learned) and not was_named(e)]:
-            state, added = renamed(bench, state, curve, added, start.select, progress)
+            state, added = renamed(bench, state, curve, added)
         missing = missing if state is tried_from else ()
     if added and state is not begun_afresh and not bench.late and may_be_bent(bench, start, state):
-        state = afresh(bench, state, progress)
+        state = afresh(bench, state)
     for effect in state.effects[:-1]:  # found while others were missing
-        if not (bench.late or explains(bench, state, start.select)):
-            new = elsewhere(bench, state, effect, progress)
+        if not (bench.late or explains(bench, state)):
+            new = elsewhere(bench, state, effect)
             state, added = new, renewed(state, new, added)
     return state, added

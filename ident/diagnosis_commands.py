@@ -122,9 +122,9 @@ def _search(
 
     notes: tuple[str, ...] = ()
     if earlier is not None:
-        known, _ = diagnose_either(earlier, believe_zeros, workers=WORKERS, progress=say, seconds=60.0 * minutes)
+        known, _ = diagnose_either(earlier, believe_zeros, workers=WORKERS, say=say, seconds=60.0 * minutes)
         campaign, notes = declared_by(known, campaign)
-    found, more = diagnose_either(campaign, believe_zeros, workers=WORKERS, progress=say, seconds=60.0 * minutes)
+    found, more = diagnose_either(campaign, believe_zeros, workers=WORKERS, say=say, seconds=60.0 * minutes)
     return found, (*notes, *more)
 
 

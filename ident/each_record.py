@@ -3,7 +3,6 @@ something, or of several."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from ident.added import Added
@@ -14,31 +13,29 @@ from ident.effects.base import Effect, only_shares
 from ident.effects.by_record import by_record, of_records
 from ident.minima import LEAST_GAIN, fully
 from ident.parts import degrees
-from ident.refits import NAMED, Bench, State, excess, fitted, linearised, same, some
+from ident.refits import NAMED, Bench, State, fitted, linearised, reduced_chi2, same, some
 from ident.tried import refitted
 
 
-def in_each_record(
-    bench: Bench, state: State, added: list[Added], progress: Callable[[str], None]
-) -> tuple[State, list[Added]]:
+def in_each_record(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
     """The model with a stiffness for every record in the place of the changes of the last effect's joint, where that leaves far less of
     what one leaves, or as little as several do. Only where each record is in every part: of others nothing would be fitted."""
     last = state.effects[-1]
     changes = [e for e in state.effects if _changes(e) and e.joint == last.joint]
     several = len(changes) > 1
-    if not (_changes(last) and bench.split.note) or bench.late or not (several or excess(bench, state) > NAMED):
+    if not (_changes(last) and bench.split.note) or bench.late or not (several or reduced_chi2(bench, state) > NAMED):
         return state, added
     less = fitted(bench, some(state, [k for k, e in enumerate(state.effects) if e not in changes]))
     lin = linearised(less.problem, less.minimum.vector)
     candidate = best_of(lin, by_record([one.index for one in less.problem.data]), last.joint)
     if candidate is None:
         return state, added
-    ((_, tried),) = refitted(bench, less, [(candidate, lin)], progress)
+    ((_, tried),) = refitted(bench, less, [(candidate, lin)])
     new = fully(bench, tried)
     dof = degrees(bench.split.select)
     most = (
         dof * NAMED
-        if several and excess(bench, state) <= NAMED
+        if several and reduced_chi2(bench, state) <= NAMED
         else dof + CURVE_RATIO * (state.select - dof) - LEAST_GAIN
     )
     if new.select > most:

@@ -20,7 +20,7 @@ from ident.diagnose import Begun, Diagnosis, begin
 from ident.frf import estimate
 from ident.one_more import one_more
 from ident.parts import Split
-from ident.refits import CLOSE, NAMED, State, excess
+from ident.refits import CLOSE, NAMED, State, reduced_chi2
 from ident.zeros import far_from_zero
 from symgen.plan import model_of_urdf
 
@@ -41,7 +41,7 @@ def diagnose_either(
     believe_zeros: bool | None = None,
     *,
     workers: int = 1,
-    progress: Callable[[str], None] = lambda line: None,
+    say: Callable[[str], None] = lambda line: None,
     seconds: float = inf,
 ) -> tuple[Diagnosis, tuple[str, ...]]:
     """Returns the diagnosis of a campaign and notes on its constants; `believe_zeros` None lets the records decide.
@@ -50,41 +50,41 @@ def diagnose_either(
     Raises IdentError for a campaign without usable records.
     """
     until = time.monotonic() + seconds
-    found, notes = _diagnosed(campaign, believe_zeros, workers, progress, until)
+    found, notes = _diagnosed(campaign, believe_zeros, workers, say, until)
     if found.status == "unexplained" and time.monotonic() > until:
         notes += (f"The search was ended after {seconds:.0f} s: a longer one may find more (--minutes).",)
     return found, notes
 
 
 def _diagnosed(
-    campaign: Campaign, believe_zeros: bool | None, workers: int, progress: Callable[[str], None], until: float
+    campaign: Campaign, believe_zeros: bool | None, workers: int, say: Callable[[str], None], until: float
 ) -> tuple[Diagnosis, tuple[str, ...]]:
     """As `diagnose_either`, until a time."""
     responses = tuple(estimate(record, campaign) for record in campaign.records)
     model, notes = model_of_campaign(campaign, responses, believe_zeros, "coupled")
-    general = begin(campaign, model, responses, workers, until)
+    general = begin(campaign, model, responses, workers, until, say)
     symmetric = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=True)
     more = len(model.alpha_cad) - len(symmetric.alpha_cad)
     if believe_zeros is not None or not more:
-        return general.diagnosed(progress), notes
+        return general.diagnosed(), notes
     believed = len(symmetric.factoring.believed)
-    simplest = begin(campaign, symmetric, responses, workers, until)
+    simplest = begin(campaign, symmetric, responses, workers, until, say)
     alone = not general.departs
-    by_general = cache(lambda: general.diagnosed(progress))
+    by_general = cache(lambda: general.diagnosed())
     far = not alone and general.alone < FAR * simplest.alone
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
         found = by_general()
         beside = simplest.beside(found.end, found.split)
-        if found.left <= NAMED and excess(*beside) > CLOSE and not one_more(*beside, progress):
+        if found.left <= NAMED and reduced_chi2(*beside) > CLOSE and not one_more(*beside):
             return found, notes
-    progress(f"the {believed} zeros of the URDF believed")
+    say(f"the {believed} zeros of the URDF believed")
 
     def gives_way(state: State, split: Split) -> bool:
         bench = replace(simplest.bench, split=split)
-        far = not bench.late and excess(*general.beside(state, split)) < FAR * excess(bench, state)
-        return far and not one_more(bench, state, progress)
+        far = not bench.late and reduced_chi2(*general.beside(state, split)) < FAR * reduced_chi2(bench, state)
+        return far and not one_more(bench, state)
 
-    simple = simplest.diagnosed(progress, gives_way)
+    simple = simplest.diagnosed(gives_way)
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
     if not far and explained and _things(simple) > 1 and (alone or _fewer_do(general, simple)):
         found = by_general()
@@ -94,7 +94,7 @@ def _diagnosed(
     if not explained and (
         far
         or alone
-        or (not general.bench.late and excess(*general.beside(simple.end, simple.split)) < BETTER * simple.left)
+        or (not general.bench.late and reduced_chi2(*general.beside(simple.end, simple.split)) < BETTER * simple.left)
     ):
         found = by_general()
         if alone or found.left < BETTER * simple.left:
@@ -107,7 +107,7 @@ def _diagnosed(
 
 
 def _fewer_do(general: Begun, simple: Diagnosis) -> bool:
-    return len(simple.end.effects) > FEWER and excess(*general.beside(simple.end, simple.split, FEWER)) <= NAMED
+    return len(simple.end.effects) > FEWER and reduced_chi2(*general.beside(simple.end, simple.split, FEWER)) <= NAMED
 
 
 def _things(found: Diagnosis) -> int:

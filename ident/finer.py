@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from ident.choice import Tried, is_curve, left_by
 from ident.minima import FALLING, told
 from ident.parts import degrees
-from ident.refits import CLOSE, FINELY, Bench, Refit, State, all_fitted, excess, fitted
+from ident.refits import CLOSE, FINELY, Bench, Refit, State, all_fitted, fitted, reduced_chi2
 
 #: Share of what any other candidate leaves that one leaves which may be far ahead once it is fitted finely: nothing else is tried then.
 #: Below the first one it is far ahead already.
@@ -19,61 +19,67 @@ AS_DRY = 2.0
 PATIENCE = 4
 
 
-def curve_finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
+def curve_finely(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     """The candidates, a curve that leaves least of all fitted finely: it may be so far ahead that few names need be. Where it stays far
     from the noise, dry friction of its port, too, whose motion is not found in haste."""
     best = min(tried, key=left_by, default=None)
-    if best is None or not is_curve(best) or excess(bench, best[1]) <= CLOSE**2:
+    if best is None or not is_curve(best) or reduced_chi2(bench, best.state) <= CLOSE**2:
         return list(tried)
-    tried = with_finer(bench, tried, best, progress)
-    place = best[0].key[1:]
-    dry = [one for one in tried if one[0].effect.dry and one[0].key[1:] == place and one[1].roughly > FINELY]
+    tried = with_finer(bench, tried, best)
+    place = best.candidate.key[1:]
+    dry = [
+        one
+        for one in tried
+        if one.candidate.effect.dry and one.candidate.key[1:] == place and one.state.roughly > FINELY
+    ]
     for one in curves_alike(dry):
-        if bench.late or min(excess(bench, state) for _, state in tried) <= CLOSE**2:
+        if bench.late or min(reduced_chi2(bench, state) for _, state in tried) <= CLOSE**2:
             break
-        tried = with_finer(bench, tried, one, progress)
+        tried = with_finer(bench, tried, one)
     return tried
 
 
 def curves_alike(tried: Sequence[Tried]) -> list[Tried]:
     """The best of the curves, and those of dry friction that leave hardly more, best first: in haste these are not told apart."""
     drawn = sorted((one for one in tried if is_curve(one)), key=left_by)
-    return drawn[:1] + [one for one in drawn[1:] if one[0].effect.dry and left_by(one) <= AS_DRY * left_by(drawn[0])]
+    return drawn[:1] + [
+        one for one in drawn[1:] if one.candidate.effect.dry and left_by(one) <= AS_DRY * left_by(drawn[0])
+    ]
 
 
-def leader_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
+def leader_finely(bench: Bench, tried: list[Tried]) -> list[Tried]:
     """The candidates, the best fitted finely if it leads already: it may be far ahead, and nothing else need be tried."""
     best = min(tried, key=left_by, default=None)
-    others = [left_by(one) for one in tried if best is not None and one[0].key != best[0].key]
+    others = [left_by(one) for one in tried if best is not None and one.candidate.key != best.candidate.key]
     if best is None or not others or not LEADING < left_by(best) / min(others) < FORWARD:
         return tried
-    return tried if excess(bench, best[1]) <= CLOSE**2 else with_finer(bench, tried, best, progress)
+    return tried if reduced_chi2(bench, best.state) <= CLOSE**2 else with_finer(bench, tried, best)
 
 
-def with_finer(bench: Bench, tried: Sequence[Tried], best: Tried, progress: Callable[[str], None]) -> list[Tried]:
+def with_finer(bench: Bench, tried: Sequence[Tried], best: Tried) -> list[Tried]:
     """The candidates, one of them fitted finely."""
-    state = finer(bench, best[1], progress)
-    return [(one[0], state) if one is best else one for one in tried]
+    state = finer(bench, best.state)
+    return [one.refitted(state) if one is best else one for one in tried]
 
 
-def finer(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+def finer(bench: Bench, state: State) -> State:
     """The same model, fitted finely."""
     state = fitted(bench, Refit.of(state))
-    progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+    bench.say(f"  finely, {told(state.effects[-1])}: {reduced_chi2(bench, state):.4g}")
     return state
 
 
-def finely(bench: Bench, tried: Sequence[Tried], progress: Callable[[str], None]) -> list[Tried]:
+def finely(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     """Candidates fitted finely that are not yet; while no name is near the noise, those whose chi^2 falls much again and again."""
     near = CLOSE**2 * degrees(bench.split.select)
-    settled = [one for one in tried if one[1].roughly <= FINELY]
-    falling = [one for one in tried if one[1].roughly > FINELY]
+    settled = [one for one in tried if one.state.roughly <= FINELY]
+    falling = [one for one in tried if one.state.roughly > FINELY]
     for _ in range(1 + PATIENCE):
         before = list(map(left_by, falling))
         new = all_fitted(bench, [Refit.of(state) for _, state in falling])
-        finer = [(candidate, state) for (candidate, _), state in zip(falling, new, strict=True)]
+        finer = [one.refitted(state) for one, state in zip(falling, new, strict=True)]
         for _, state in finer:
-            progress(f"  finely, {told(state.effects[-1])}: {excess(bench, state):.4g}")
+            bench.say(f"  finely, {told(state.effects[-1])}: {reduced_chi2(bench, state):.4g}")
         best = min(settled + finer, key=left_by)
         falling = []
         for one, was in zip(finer, before, strict=True):

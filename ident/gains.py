@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from ident.candidates import Candidate, best_of, of_kinds
 from ident.choice import ALIKE, Tried, left_by
@@ -10,7 +10,7 @@ from ident.effects.base import Effect, overrides
 from ident.effects.response import Response
 from ident.minima import LEAST_GAIN, fully, told
 from ident.parts import degrees
-from ident.refits import Bench, State, excess, linearised, standing
+from ident.refits import Bench, State, linearised, reduced_chi2, standing
 from ident.trace import Linearised
 from ident.tried import refitted
 from symgen.forked import forked
@@ -21,7 +21,7 @@ GAINS = ("torque_gain", "angle_gain")
 AS_LITTLE = 0.02
 
 
-def named_gains(bench: Bench, state: State, progress: Callable[[str], None]) -> State | None:
+def named_gains(bench: Bench, state: State) -> State | None:
     """The model with two named gains of a joint in the place of its last effect, a frequency response, and of all other gains
     there, if they leave as little; None if they do not."""
     curve = state.effects[-1]
@@ -30,17 +30,17 @@ def named_gains(bench: Bench, state: State, progress: Callable[[str], None]) -> 
     others = [k for k, e in enumerate(state.effects) if e.joint != curve.joint or not overrides(e, *GAINS)]
     plain, lin = standing(bench, state, others)
     tried: list[Tried] = []
-    for _, lead in refitted(bench, plain, _likely(bench, lin, curve.joint, ()), progress):
+    for _, lead in refitted(bench, plain, _likely(bench, lin, curve.joint, ())):
         there = linearised(lead.problem, lead.minimum.vector)
         # both ways round: beside one that does the work of both, the other may promise nothing
-        tried += refitted(bench, lead, _likely(bench, there, curve.joint, lead.effects), progress)
+        tried += refitted(bench, lead, _likely(bench, there, curve.joint, lead.effects))
     if not tried:
         return None
-    best = fully(bench, min(tried, key=left_by)[1])
+    best = fully(bench, min(tried, key=left_by).state)
     dof = degrees(bench.split.select)
     limit = state.select + max(LEAST_GAIN, ALIKE * (state.select - dof), AS_LITTLE * dof)
-    progress(
-        f"  instead of {told(curve)}, {' and '.join(told(e) for e in best.effects[-2:])}: {excess(bench, best):.4g}"
+    bench.say(
+        f"  instead of {told(curve)}, {' and '.join(told(e) for e in best.effects[-2:])}: {reduced_chi2(bench, best):.4g}"
     )
     return best if best.select <= limit else None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,8 +27,8 @@ from ident.refits import (
     Refit,
     State,
     all_fitted,
-    excess,
     fitted,
+    reduced_chi2,
     same,
     some,
 )
@@ -80,15 +80,15 @@ def fully(bench: Bench, state: State) -> State:
         stiffnesses = _stiffnesses(last)
         starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
         state = lowest(bench, starts)
-        if excess(bench, state) > BY_ALL:  # on declared links nothing is the lowest
+        if reduced_chi2(bench, state) > BY_ALL:  # on declared links nothing is the lowest
             state = _carrying(bench, state)
         carries = isinstance(state.effects[-1], Carrying)
-        if excess(bench, state) > NAMED and not carries:  # springs behind each other may have changed places
+        if reduced_chi2(bench, state) > NAMED and not carries:  # springs behind each other may have changed places
             declared = replace(state, minimum=replace(state.minimum, vector=as_declared(bench, state)))
             starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
             state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
-    state = _closely(bench, Refit.of(state), excess(bench, state))
-    if by_curve or bench.late or excess(bench, state) <= NAMED:
+    state = _closely(bench, Refit.of(state), reduced_chi2(bench, state))
+    if by_curve or bench.late or reduced_chi2(bench, state) <= NAMED:
         return state
     for more in (_doubted, _carrying, crept):
         state = _closely_if_new(bench, state, more(bench, state))
@@ -97,13 +97,13 @@ def fully(bench: Bench, state: State) -> State:
 
 def _closely_if_new(bench: Bench, state: State, new: State) -> State:
     """The model, or what it became, at its minimum."""
-    return state if new is state else _closely(bench, Refit.of(new), excess(bench, new))
+    return state if new is state else _closely(bench, Refit.of(new), reduced_chi2(bench, new))
 
 
 def _doubted(bench: Bench, state: State) -> State:
     """The model, or one found while it was doubted, if that leaves much less: a constant whose resonance has to pass one of the lowest
     lines, as that of gravity may, is held by this line alone otherwise."""
-    if excess(bench, state) > BY_ALL:  # more is missing
+    if reduced_chi2(bench, state) > BY_ALL:  # more is missing
         return state
     new = fitted(bench, replace(Refit.of(state), outer=1, roughly=HASTILY, doubts=DOUBTS[-1:]))
     return new if new.select < FALLING * state.select else state
@@ -112,7 +112,7 @@ def _doubted(bench: Bench, state: State) -> State:
 def _bending(bench: Bench, state: State) -> State:
     """The model, or one whose last effect, a learned curve, bends between its knots, if that leaves less."""
     curve = bent(state.effects[-1])
-    if curve is None or excess(bench, state) <= NAMED:
+    if curve is None or reduced_chi2(bench, state) <= NAMED:
         return state
     new = fitted(bench, replace(Refit.of(state), effects=(*state.effects[:-1], curve), outer=FULLY))
     return new if new.select < state.select - LEAST_GAIN else state
@@ -122,14 +122,16 @@ def crept(bench: Bench, state: State) -> State:
     """The model, or one whose dry last effect creeps more or less than contacts are expected to, if that leaves less; fitted on where
     chi^2 still falls."""
     last = state.effects[-1]
-    if not last.dry or isinstance(last, Creeping | Learned) or excess(bench, state) <= NAMED:
+    if not last.dry or isinstance(last, Creeping | Learned) or reduced_chi2(bench, state) <= NAMED:
         return state
     here, *near = _until_nothing(
         bench, [replace(Refit.of(state), outer=1, roughly=HASTILY), creeping_like(state, FROM[0])]
     )
     best, dof, found = min([here, *near], key=lambda other: other.select), degrees(bench.split.select), near
     helps = best.select - dof < CREPT * (here.select - dof)
-    if near and excess(bench, best) > NAMED and (helps or excess(bench, here) <= CLOSE):  # else more is missing
+    if (
+        near and reduced_chi2(bench, best) > NAMED and (helps or reduced_chi2(bench, here) <= CLOSE)
+    ):  # else more is missing
         found = [*near, *_until_nothing(bench, [creeping_like(state, decades) for decades in FROM[1:]])]
     best = min(found, key=lambda other: other.select, default=here)
     if best.select < here.select - LEAST_GAIN:
@@ -149,7 +151,7 @@ def _carrying(bench: Bench, state: State) -> State:
     are off, told anew while that shows in other ways where the effect is then."""
     for _ in range(TOLD_ANEW):
         new = _carrying_as_shown(bench, state)
-        if new is state or bench.late or excess(bench, new) <= NAMED:
+        if new is state or bench.late or reduced_chi2(bench, new) <= NAMED:
             return new
         state = new
     return state
@@ -172,7 +174,7 @@ def _carrying_as_shown(bench: Bench, state: State) -> State:
     vectors = [as_declared(bench, state)[: len(found)], found]
     starts = [replace(refit, vector=np.concatenate([vector, np.zeros(more)])) for vector in vectors]
     new = lowest(bench, starts)
-    if NAMED < excess(bench, new) < FALLING * excess(bench, state):
+    if NAMED < reduced_chi2(bench, new) < FALLING * reduced_chi2(bench, state):
         base = state.problem.base
         anew = [
             replace(refit, vector=np.concatenate([as_declared(bench, state)[:base], values]))
@@ -181,7 +183,7 @@ def _carrying_as_shown(bench: Bench, state: State) -> State:
         others = [replace(one, outer=1, roughly=HASTILY) for one in [Refit.of(new), *anew]]
         for other in sorted(_until_nothing(bench, others), key=lambda other: other.select)[:VALLEYS]:
             new = min(new, fitted(bench, Refit.of(other)), key=lambda one: one.select)
-            if excess(bench, new) <= NAMED:
+            if reduced_chi2(bench, new) <= NAMED:
                 break
     dof = degrees(bench.split.select)
     if new.select - dof > MUCH_LESS * (state.select - dof):
@@ -232,7 +234,7 @@ def _closely(bench: Bench, refit: Refit, left: float) -> State:
     """The model at its minimum; not so closely where it leaves far more than noise, before, `left`, and once that no longer falls."""
     while left > BY_ALL:
         state = fitted(bench, refit)
-        before, left = left, excess(bench, state)
+        before, left = left, reduced_chi2(bench, state)
         if left >= max(BY_ALL, FALLING * before):
             return state
         refit = Refit.of(state)
@@ -241,7 +243,7 @@ def _closely(bench: Bench, refit: Refit, left: float) -> State:
 
 def settled(bench: Bench, state: State) -> State:
     """The model, once it is chosen, by the records that chose it, too: these tell its values as well as those that fitted it."""
-    if bench.late or excess(bench, state) > BY_ALL:
+    if bench.late or reduced_chi2(bench, state) > BY_ALL:
         return state
     both = replace(bench, split=replace(bench.split, fit=united(*bench.split.fit, *bench.split.select)))
     outer = BY_CURVE if _drawn(state) else FULLY
@@ -265,12 +267,12 @@ def _until_nothing(bench: Bench, refits: Sequence[Refit]) -> list[State]:
     found = []
     for state in all_fitted(bench, refits):
         found.append(state)
-        if excess(bench, state) <= NAMED:
+        if reduced_chi2(bench, state) <= NAMED:
             break
     return found
 
 
-def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+def afresh(bench: Bench, state: State) -> State:
     """The model, or a better one fitted from the declared arm, at once or by a detour: what was missing has led this one far astray."""
     here, declared = Refit.of(state), replace(Refit.of(state), vector=as_declared(bench, state))
     hastily = fitted(bench, replace(here, roughly=HASTILY))
@@ -283,28 +285,28 @@ def afresh(bench: Bench, state: State, progress: Callable[[str], None]) -> State
         finely = finely or fitted(bench, here)
         back = _as_much(finely, other)
         if not back:
-            other = _closely(bench, Refit.of(other), min(excess(bench, other), excess(bench, state)))
+            other = _closely(bench, Refit.of(other), min(reduced_chi2(bench, other), reduced_chi2(bench, state)))
         if other.select < state.select:
-            progress(f"  from the declared arm again: {excess(bench, other):.4g}")
+            bench.say(f"  from the declared arm again: {reduced_chi2(bench, other):.4g}")
             state = other
-        if back or excess(bench, state) <= NAMED or bench.late:
+        if back or reduced_chi2(bench, state) <= NAMED or bench.late:
             break
-    return links_anew(bench, state, progress)
+    return links_anew(bench, state)
 
 
-def links_anew(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+def links_anew(bench: Bench, state: State) -> State:
     """The model, or a better one with what its effects carry told anew: others were missing beside them."""
     for k, effect in enumerate(state.effects):
         order = [*(other for other in range(len(state.effects)) if other != k), k]
-        if excess(bench, state) <= NAMED or bench.late:
+        if reduced_chi2(bench, state) <= NAMED or bench.late:
             break
         if isinstance(effect, Carrying) or (order[k] != k and effect.carries):
             last = fitted(bench, some(state, order))
             new = _carrying(bench, last)
             if new is not last:
-                new = _closely(bench, some(new, np.argsort(order).tolist()), excess(bench, new))
+                new = _closely(bench, some(new, np.argsort(order).tolist()), reduced_chi2(bench, new))
                 if new.select < state.select:
-                    progress(f"  links anew, {told(new.effects[k])}: {excess(bench, new):.4g}")
+                    bench.say(f"  links anew, {told(new.effects[k])}: {reduced_chi2(bench, new):.4g}")
                     state = new
     return state
 
@@ -319,15 +321,15 @@ def winds_up(effect: Effect) -> bool:
     return isinstance(effect, PeriodicLaw) and not effect.linear and not effect.dry
 
 
-def wound_up(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+def wound_up(bench: Bench, state: State) -> State:
     """The model, fitted on while chi^2 falls where a force follows from the motion: each of both leads to the other by little."""
     if not winds_up(state.effects[-1]):
         return state
     for _ in range(PATIENT):
-        if bench.late or excess(bench, state) <= NAMED:
+        if bench.late or reduced_chi2(bench, state) <= NAMED:
             break
         new = fitted(bench, replace(Refit.of(state), outer=FULLY // 2))
-        progress(f"  on, {told(new.effects[-1])}: {excess(bench, new):.4g}")
+        bench.say(f"  on, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
         fell = new.minimum.chi2 < STILL * state.minimum.chi2
         state = new if fell else state
         if not fell:
@@ -373,7 +375,7 @@ def since(bench: Bench, state: State) -> State:
     return best
 
 
-def elsewhere(bench: Bench, state: State, effect: Effect, progress: Callable[[str], None]) -> State:
+def elsewhere(bench: Bench, state: State, effect: Effect) -> State:
     """The model, or a better one that lies where a force of `effect` is some other size: what moves so that a force
     follows has more than one way to."""
     sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None and not p.whole and effect.values[k]]
@@ -385,7 +387,7 @@ def elsewhere(bench: Bench, state: State, effect: Effect, progress: Callable[[st
     if best.select > here.select - max(LEAST_GAIN, 0.1 * (here.select - degrees(bench.split.select))):
         return state
     best = fully(bench, best)
-    progress(f"  elsewhere, {told(next(e for e in best.effects if same(e, effect)))}: {excess(bench, best):.4g}")
+    bench.say(f"  elsewhere, {told(next(e for e in best.effects if same(e, effect)))}: {reduced_chi2(bench, best):.4g}")
     return best if best.select < state.select else state
 
 

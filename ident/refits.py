@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -52,7 +52,7 @@ class Bench:
     """The tools of one diagnosis: how to make a problem of records and effects, and the weights of the choosing records.
 
     The arm that is fitted begins at `guess`; chi^2 grows by `firm` where a number of it is off by all of its size. Nothing new is looked
-    for once `time.monotonic()` is `until`.
+    for once `time.monotonic()` is `until`. `at_first` is chi^2 on the choosing records without effects; lines on the way go to `say`.
     """
 
     campaign: Campaign
@@ -63,6 +63,8 @@ class Bench:
     workers: int
     firm: float = 0.0
     until: float = np.inf
+    say: Callable[[str], None] = lambda line: None
+    at_first: float = np.inf
 
     @property
     def late(self) -> bool:
@@ -156,14 +158,20 @@ def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
         yield State(effects, refit.scales, refit.limits, minimum, problem, select, refit.roughly)
 
 
-def first(bench: Bench) -> State:
+def begun(bench: Bench) -> tuple[Bench, State]:
+    """The bench, with what the arm without effects leaves, and that arm."""
+    start = without_effects(bench)
+    return replace(bench, at_first=start.select), start
+
+
+def without_effects(bench: Bench) -> State:
     """The arm without effects: from what is declared, and by a detour where something is left."""
     best = fitted(bench, Refit(bench.guess.vector(), (), (), (), lines=FIRST_LINES))
-    if excess(bench, best) > NAMED:
+    if reduced_chi2(bench, best) > NAMED:
         found = fitted(bench, Refit(bench.guess.vector(), (), (), (), 1, HASTILY, DOUBTS, lines=FIRST_LINES))
         if found.minimum.chi2 < best.minimum.chi2:
             best = min(best, fitted(bench, replace(Refit.of(found), lines=FIRST_LINES)), key=lambda s: s.minimum.chi2)
-    return best if excess(bench, best) > BY_ALL else fitted(bench, Refit.of(best))
+    return best if reduced_chi2(bench, best) > BY_ALL else fitted(bench, Refit.of(best))
 
 
 def fitted(bench: Bench, refit: Refit) -> State:
@@ -282,7 +290,7 @@ def same(a: Effect, b: Effect) -> bool:
     return a.joint == b.joint and (type(a) is type(b) or a.name == b.name != "unknown")
 
 
-def excess(bench: Bench, state: State) -> float:
+def reduced_chi2(bench: Bench, state: State) -> float:
     """chi^2 per degree of freedom on the choosing records."""
     return state.select / max(degrees(bench.split.select), 1)
 

@@ -13,7 +13,7 @@ from ident.effects.base import Effect, Law, has_forces
 from ident.effects.learned import Learned
 from ident.minima import winds_up
 from ident.parts import degrees, few_lines, sampled
-from ident.refits import CLOSE, FEW_SAMPLES, NAMED, Bench, State, excess, linearised
+from ident.refits import CLOSE, FEW_SAMPLES, NAMED, Bench, State, linearised, reduced_chi2
 from ident.trials import BENT, ENOUGH
 
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
@@ -28,7 +28,7 @@ LEFT = 0.03
 
 def something_departs(bench: Bench, state: State) -> bool:
     """Whether anything but noise may be left, on the records that fit and choose."""
-    return excess(bench, state) > 1.1 or bool(groups(state, bench.split.fit + bench.split.select))
+    return reduced_chi2(bench, state) > 1.1 or bool(groups(state, bench.split.fit + bench.split.select))
 
 
 @lru_cache(maxsize=2)  # who chooses between two models asks, and then the loop
@@ -48,17 +48,17 @@ def is_uneven(bench: Bench, state: State) -> bool:
 
 def _bends(bench: Bench, state: State, times: float) -> bool:
     """Whether a model fits the records that fit so many times better than the others: these leave too much of it free."""
-    return excess(bench, state) - 1.0 > times * (max(_fitting(bench, state) - 1.0, 0.0) + 0.1)
+    return reduced_chi2(bench, state) - 1.0 > times * (max(_fitting(bench, state) - 1.0, 0.0) + 0.1)
 
 
 def _fits_alone(bench: Bench, state: State) -> bool:
     """Whether the records that fit are explained and the others not: these may tell too little of the arm's constants."""
-    return _fitting(bench, state) <= NAMED < excess(bench, state)
+    return _fitting(bench, state) <= NAMED < reduced_chi2(bench, state)
 
 
 def _hardly_chooses(bench: Bench, state: State) -> bool:
     """Whether so much more departs in the records that fit than in those that choose that these would choose blindly."""
-    return _fitting(bench, state) - 1.0 > BENDS * (max(excess(bench, state) - 1.0, 0.0) + 0.1)
+    return _fitting(bench, state) - 1.0 > BENDS * (max(reduced_chi2(bench, state) - 1.0, 0.0) + 0.1)
 
 
 def may_bend(bench: Bench, start: State, state: State) -> bool:
@@ -70,14 +70,14 @@ def is_doubtful(bench: Bench, start: State, state: State, left: bool) -> bool:
     """Whether lines of every record may tell more: where something is `left` if the records that fit may leave too much free, or if it
     is little though nothing was found; else if only the choosing records leave more than noise."""
     if left:
-        return may_bend(bench, start, state) or (state is start and excess(bench, state) <= CLOSE)
-    return excess(bench, state) > NAMED and _bends(bench, state, MAY_BEND)
+        return may_bend(bench, start, state) or (state is start and reduced_chi2(bench, state) <= CLOSE)
+    return reduced_chi2(bench, state) > NAMED and _bends(bench, state, MAY_BEND)
 
 
 def may_be_bent(bench: Bench, start: State, state: State) -> bool:
     """Whether something is left because what was missing may have bent the arm: a little of what a curve draws always is."""
     drawn = isinstance(state.effects[-1], Learned)
-    return excess(bench, state) > NAMED and not (drawn and is_little(bench, start, state))
+    return reduced_chi2(bench, state) > NAMED and not (drawn and is_little(bench, start, state))
 
 
 def is_little(bench: Bench, start: State, state: State) -> bool:
@@ -88,7 +88,9 @@ def is_little(bench: Bench, start: State, state: State) -> bool:
     left = share_left(bench, start, state)
     many_ways = any(isinstance(effect, Law) and winds_up(effect) for effect in state.effects)
     most = CLOSE**2 if any(effect.dry for effect in state.effects) else CLOSE
-    return (left < ENOUGH and max(excess(bench, state), _fitting(bench, state)) <= most) or (left < LEFT and many_ways)
+    return (left < ENOUGH and max(reduced_chi2(bench, state), _fitting(bench, state)) <= most) or (
+        left < LEFT and many_ways
+    )
 
 
 def left_over(bench: Bench, start: State, state: State) -> tuple[Departure, ...]:
@@ -96,7 +98,9 @@ def left_over(bench: Bench, start: State, state: State) -> tuple[Departure, ...]
     most = CLOSE if _mended(state.effects) else CLOSE**2
     forced = any(map(has_forces, state.effects))
     little = (
-        forced and share_left(bench, start, state) < LEFT and max(excess(bench, state), _fitting(bench, state)) < most
+        forced
+        and share_left(bench, start, state) < LEFT
+        and max(reduced_chi2(bench, state), _fitting(bench, state)) < most
     )
     return () if little else departures(bench, state)
 
@@ -110,7 +114,7 @@ def _mended(effects: Sequence[Effect]) -> bool:
 def is_of_one_joint(bench: Bench, start: State, state: State, added: Sequence[Added]) -> bool:
     """Whether the first effect found is one of the whole arm, and all found leaves much, of which a free force at one port of a joint would
     have explained more: what bends the whole arm plays a little of anything."""
-    if not added or added[0].effect.joint is not None or bench.model.chain.n == 1 or excess(bench, state) <= BENT:
+    if not added or added[0].effect.joint is not None or bench.model.chain.n == 1 or reduced_chi2(bench, state) <= BENT:
         return False
     by_port = max((share for _, _, share in added[0].port_shares), default=0.0)
     return by_port > 1.0 - share_left(bench, start, state)

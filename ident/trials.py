@@ -39,9 +39,9 @@ from ident.refits import (
     all_fitted,
     beyond_noise,
     but_last,
-    excess,
     fitted,
     linearised,
+    reduced_chi2,
     same,
     standing,
 )
@@ -76,21 +76,21 @@ ENOUGH = 3e-3
 MOST, BESIDE, HALF = 0.3, 0.05, 0.5
 
 
-def explains(bench: Bench, state: State, first: float, near: float = CLOSE) -> bool:
-    """Whether a model leaves nothing to look for: less than `near` noise powers, and little of `first`, chi^2 on the choosing
-    records without effects."""
+def explains(bench: Bench, state: State, near: float = CLOSE) -> bool:
+    """Whether a model leaves nothing to look for: less than `near` noise powers, and little of what there is
+    without effects."""
     dof = degrees(bench.split.select)
-    little = excess(bench, state) <= near and state.select - dof < ENOUGH * (first - dof)
-    return little or excess(bench, state) <= NAMED
+    little = reduced_chi2(bench, state) <= near and state.select - dof < ENOUGH * (bench.at_first - dof)
+    return little or reduced_chi2(bench, state) <= NAMED
 
 
-def earned(bench: Bench, before: State, after: State, first: float) -> bool:
-    """Whether an effect more earns its place: a share of what was left, and either of `first`, chi^2 on the choosing records
-    without effects, or nearly all that was left."""
+def earned(bench: Bench, before: State, after: State) -> bool:
+    """Whether an effect more earns its place: a share of what was left, and either of what there is without effects, or nearly all
+    that was left."""
     dof = degrees(bench.split.select)
     left, gain = max(before.select - dof, 1.0), before.select - after.select
     some = gain >= max(LEAST_GAIN, LEAST_SHARE * left)
-    return some and (gain >= ENOUGH * (first - dof) or after.select - dof < REST * left)
+    return some and (gain >= ENOUGH * (bench.at_first - dof) or after.select - dof < REST * left)
 
 
 def promising(bench: Bench, likely: Sequence[Candidate], fall: float) -> list[Candidate]:
@@ -99,71 +99,71 @@ def promising(bench: Bench, likely: Sequence[Candidate], fall: float) -> list[Ca
     return [c for c in likely if c.gain > least]
 
 
-def likely_names(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+def likely_names(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
     """The likeliest names beyond `state`, linearised in `lin`, hastily refitted; from the declared arm where the fit is very far off."""
-    if excess(bench, state) > FAR:
-        return leader_finely(bench, _from_declared(bench, state, None, progress), progress)
-    return _from_fitted(bench, state, lin, progress)
+    if reduced_chi2(bench, state) > FAR:
+        return leader_finely(bench, _from_declared(bench, state, None))
+    return _from_fitted(bench, state, lin)
 
 
-def hasty(
-    bench: Bench, state: State, lin: Linearised, first: float, names: list[Tried], progress: Callable[[str], None]
-) -> Iterator[list[Tried]]:
+def hasty(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> Iterator[list[Tried]]:
     """The candidates beyond `state`, linearised in `lin`, hastily refitted, in parts of which the first may do: the likely `names`, and
-    others; `first` as in `explains`.
+    others.
 
     The first effect is looked for from the declared arm, too: a fit that is far off bends everything else, shapes of an
     impedance at any rate. Where it is far so are later effects, unless a name explains the records already; where it is very far that
     comes first.
     """
-    if excess(bench, state) > FAR:
+    if reduced_chi2(bench, state) > FAR:
         yield names
         named = best_names(names)
-        if _explaining(bench, names, first) is None:
+        if _explaining(bench, names) is None:
             much = bool(named) and left_by(named[0]) < MUCH * state.select
-            if much or (not state.effects and law_leads(names, first)):
-                yield _drawn(bench, state, lin, progress)
+            if much or (not state.effects and law_leads(bench, names)):
+                yield _drawn(bench, state, lin)
             else:
-                tried = _from_fitted(bench, state, lin, progress)
-                yield _and_curves(bench, state, lin, tried, first, progress)
-    elif state.effects or excess(bench, state) > BENT:
-        tried = _and_curves(bench, state, lin, names, first, progress)
+                tried = _from_fitted(bench, state, lin)
+                yield _and_curves(bench, state, lin, tried)
+    elif state.effects or reduced_chi2(bench, state) > BENT:
+        tried = _and_curves(bench, state, lin, names)
         yield tried
-        if excess(bench, state) > BENT and _explaining(bench, tried, first) is None:
-            yield leader_finely(bench, _from_declared(bench, state, None, progress), progress)
+        if reduced_chi2(bench, state) > BENT and _explaining(bench, tried) is None:
+            yield leader_finely(bench, _from_declared(bench, state, None))
     else:
-        tried = _and_curves(bench, state, lin, names, first, progress)
+        tried = _and_curves(bench, state, lin, names)
         if not (drawn_whole(bench, tried) or hardly_bent(bench, state, tried)):
-            if _explaining(bench, tried, first) is None:
-                tried += _bending(bench, state, lin, progress)
-            found = _explaining(bench, tried, first)
+            if _explaining(bench, tried) is None:
+                tried += _bending(bench, state, lin)
+            found = _explaining(bench, tried)
             if found is None or only_impedance(found):
-                tried += _from_declared(bench, state, found, progress)
+                tried += _from_declared(bench, state, found)
         yield tried
 
 
-def resting(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+def resting(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
     """The names that promise most of what is left, where that is little or one is known that leaves nothing, hastily refitted: less of it
     where dry friction acts."""
     names, left = catalogue(lin, state.effects, bench.workers), beyond_noise(state, lin)
-    rubs = {(effect.port, effect.joint) for effect in state.effects if effect.dry and excess(bench, state) > NAMED}
+    rubs = {
+        (effect.port, effect.joint) for effect in state.effects if effect.dry and reduced_chi2(bench, state) > NAMED
+    }
     here = [c for c in names if (c.effect.port, c.effect.joint) in rubs and c.gain > BESIDE * left]
     likely = [c for c in names[:FINALISTS] if c.gain > MOST * left]
     likely += [c for c in here[:FINALISTS] if c not in likely]
-    return refitted(bench, state, [(c, lin) for c in likely], progress)
+    return refitted(bench, state, [(c, lin) for c in likely])
 
 
-def _explaining(bench: Bench, tried: Sequence[Tried], first: float) -> Effect | None:
+def _explaining(bench: Bench, tried: Sequence[Tried]) -> Effect | None:
     """The effect of the best name, if it explains the records."""
     name = min((one for one in tried if not is_curve(one)), key=left_by, default=None)
-    return None if name is None or not explains(bench, name[1], first, CLOSE**2) else name[0].effect
+    return None if name is None or not explains(bench, name.state, CLOSE**2) else name.candidate.effect
 
 
-def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+def _from_fitted(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
     """The likeliest names beyond a model."""
     most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
     likely = catalogue(lin, state.effects, bench.workers)[:most]
-    if excess(bench, state) <= CLOSE:
+    if reduced_chi2(bench, state) <= CLOSE:
         likely = promising(bench, likely, LEAST_SHARE * max(state.select - degrees(bench.split.select), 1.0))
     else:
         least, slight = LEAST_SHARE * beyond_noise(state, lin), SLIGHT * max((c.gain for c in likely), default=0.0)
@@ -173,75 +173,71 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised, progress: Callable
             if c.gain > least or k < REFITTED[0] // 2 or (k < most // 2 and c.gain > slight)
         ]
         likely += balanced(lin, state.effects)
-    tried = as_it_creeps(bench, refitted(bench, state, [(c, lin) for c in likely], progress), CLOSE**2, progress)
-    tried += _ringing(bench, state, lin, tried, progress)
-    return _nearest_finely(bench, tried, progress)
+    tried = as_it_creeps(bench, refitted(bench, state, [(c, lin) for c in likely]), CLOSE**2)
+    tried += _ringing(bench, state, lin, tried)
+    return _nearest_finely(bench, tried)
 
 
-def _and_curves(
-    bench: Bench, state: State, lin: Linearised, names: list[Tried], first: float, progress: Callable[[str], None]
-) -> list[Tried]:
+def _and_curves(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> list[Tried]:
     """The `names` tried beyond a model, and the likeliest curves where none of them explains the records: beside dry friction, which
     leaves a little until a model is chosen, as `explains` has it."""
     tried = list(names)
-    if excess(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
-        tried += _besides(bench, state, lin, progress)
+    if reduced_chi2(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
+        tried += _besides(bench, state, lin)
     rubs = any(effect.dry for effect in state.effects)
-    if not (
-        bench.late or any(explains(bench, new, first) if rubs else excess(bench, new) <= NAMED for _, new in tried)
-    ):
-        tried += _drawn(bench, state, lin, progress)
+    if not (bench.late or any(explains(bench, new) if rubs else reduced_chi2(bench, new) <= NAMED for _, new in tried)):
+        tried += _drawn(bench, state, lin)
     return tried
 
 
-def _besides(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+def _besides(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
     """Laws beside the dry friction of a model, curves if no name is it, fitted until both settle."""
     tried: list[Tried] = []
     for likely in besides(lin, state.effects):
         if not bench.late and all(left_by(one) > HALF * state.select for one in tried):
             refits = [replace(with_candidate(state, c, lin), outer=FULLY, roughly=FINELY) for c in likely]
-            tried += zip(likely, all_fitted(bench, refits), strict=True)
+            tried += map(Tried, likely, all_fitted(bench, refits))
     for _, new in tried:
-        progress(f"  beside what rubs, {told(new.effects[-1])}: {excess(bench, new):.4g}")
+        bench.say(f"  beside what rubs, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
     return tried
 
 
-def _nearest_finely(bench: Bench, tried: list[Tried], progress: Callable[[str], None]) -> list[Tried]:
+def _nearest_finely(bench: Bench, tried: list[Tried]) -> list[Tried]:
     """The candidates, the best fitted finely where it is near the noise: it may leave nothing, and nothing else need be tried."""
     best = min(tried, key=left_by, default=None)
-    if best is None or not NAMED < excess(bench, best[1]) <= CLOSE**2:
+    if best is None or not NAMED < reduced_chi2(bench, best.state) <= CLOSE**2:
         return tried
-    state = _otherwise(bench, finer(bench, best[1], progress), progress)
-    return [(one[0], state) if one is best else one for one in tried]
+    state = _otherwise(bench, finer(bench, best.state))
+    return [one.refitted(state) if one is best else one for one in tried]
 
 
-def _drawn(bench: Bench, state: State, lin: Linearised, progress: Callable[[str], None]) -> list[Tried]:
+def _drawn(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
     """The likeliest mass that rings at a motor beyond a model, hastily refitted; if that leaves anything, the likeliest learned curves;
     frequency responses that promise more than any law, from the declared arm, too, if the fit is very far off."""
     least = LEAST_SHARE * beyond_noise(state, lin)
-    rung = _rung(bench, state, lin, least, progress)
-    if any(left_by(one) < ENOUGH * state.select or excess(bench, one[1]) <= NAMED for one in rung):
+    rung = _rung(bench, state, lin, least)
+    if any(left_by(one) < ENOUGH * state.select or reduced_chi2(bench, one.state) <= NAMED for one in rung):
         return rung
     laws = curves(lin, bench.workers)[:CURVES]
     ahead = responses(lin, max([least, *(c.gain for c in laws)]), bench.workers)[:CURVES]
     drawn = [(c, lin) for c in [*laws, *ahead] if c.gain > least]
-    if ahead and excess(bench, state) > BENT:
+    if ahead and reduced_chi2(bench, state) > BENT:
         declared = linearised(state.problem, as_declared(bench, state))
         drawn += [(c, declared) for c in responses(declared, 0.0, bench.workers)[:CURVES]]
-    return rung + refitted(bench, state, drawn, progress)
+    return rung + refitted(bench, state, drawn)
 
 
-def _rung(bench: Bench, state: State, lin: Linearised, least: float, progress: Callable[[str], None]) -> list[Tried]:
+def _rung(bench: Bench, state: State, lin: Linearised, least: float) -> list[Tried]:
     """The likeliest mass that rings at a motor, if it promises so much at `least`, from the declared arm, too, if the fit is very far off."""
     origins = [lin]
-    if excess(bench, state) > BENT:
+    if reduced_chi2(bench, state) > BENT:
         origins.append(linearised(state.problem, as_declared(bench, state)))
     rings = [(c, at) for at in origins for c in resonances(at, state.effects, least, bench.workers)[:1]]
-    rung = refitted(bench, state, rings, progress)
-    return rung + _ringing(bench, state, lin, rung, progress)
+    rung = refitted(bench, state, rings)
+    return rung + _ringing(bench, state, lin, rung)
 
 
-def _from_declared(bench: Bench, state: State, found: Effect | None, progress: Callable[[str], None]) -> list[Tried]:
+def _from_declared(bench: Bench, state: State, found: Effect | None) -> list[Tried]:
     """The likeliest names beyond the declared arm with the effects of `state`, or the effect that was `found` already."""
     declared = linearised(state.problem, as_declared(bench, state))
     if found is not None:
@@ -251,76 +247,69 @@ def _from_declared(bench: Bench, state: State, found: Effect | None, progress: C
         likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
         again += [larger(c, LARGER) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
-    tried = refitted(bench, state, [(c, declared) for c in again], progress)
+    tried = refitted(bench, state, [(c, declared) for c in again])
     best = min(tried, key=left_by, default=None)
-    if best is not None and only_shapes(best[0].effect) and excess(bench, best[1]) > CLOSE**2:
-        tried += _bending(bench, state, declared, progress, lambda effect: same(effect, best[0].effect))
-    all_at_once = best is not None and best[0].effect.joint is None
+    if best is not None and only_shapes(best.candidate.effect) and reduced_chi2(bench, best.state) > CLOSE**2:
+        tried += _bending(bench, state, declared, lambda effect: same(effect, best.candidate.effect))
+    all_at_once = best is not None and best.candidate.effect.joint is None
     much = max(BENT * degrees(bench.split.select), MUCH * state.select)
     if found is None and not all_at_once and all(left_by(one) > much for one in tried):
         # a soft base, or lock, bends the whole arm, and promises nothing from there
-        tried += _bending(
-            bench, state, declared, progress, lambda e: e.joint is None or isinstance(e, LockedJointElasticity)
-        )
-    return as_it_creeps(bench, tried, CLOSE**2, progress)
+        tried += _bending(bench, state, declared, lambda e: e.joint is None or isinstance(e, LockedJointElasticity))
+    return as_it_creeps(bench, tried, CLOSE**2)
 
 
 def _bending(
     bench: Bench,
     state: State,
     lin: Linearised,
-    progress: Callable[[str], None],
     wanted: Callable[[Effect], bool] = lambda effect: True,
 ) -> list[Tried]:
     """The impedances of shapes alone that may have bent the arm, those `wanted`, from plausible ones."""
-    return by_few_lines(bench, state, lin, [c for c in bending(lin, state.effects) if wanted(c.effect)], progress)
+    return by_few_lines(bench, state, lin, [c for c in bending(lin, state.effects) if wanted(c.effect)])
 
 
-def _ringing(
-    bench: Bench, state: State, lin: Linearised, tried: Sequence[Tried], progress: Callable[[str], None]
-) -> list[Tried]:
+def _ringing(bench: Bench, state: State, lin: Linearised, tried: Sequence[Tried]) -> list[Tried]:
     """What rings, promises most of all that were `tried` and leaves nearly all there was, at other frequencies."""
-    best = max(tried, key=lambda one: one[0].gain, default=None)
-    failed = best is not None and excess(bench, state) > CLOSE and left_by(best) > MUCH * state.select
-    return by_few_lines(bench, state, lin, ringing(best[0]), progress) if best is not None and failed else []
+    best = max(tried, key=lambda one: one.candidate.gain, default=None)
+    failed = best is not None and reduced_chi2(bench, state) > CLOSE and left_by(best) > MUCH * state.select
+    return by_few_lines(bench, state, lin, ringing(best[0])) if best is not None and failed else []
 
 
-def ahead(bench: Bench, tried: Sequence[Tried], first: float) -> Tried | None:
+def ahead(bench: Bench, tried: Sequence[Tried]) -> Tried | None:
     """A name so far ahead of all other candidates that these need not be fitted finely; none if it leaves nothing already, where only
-    those near it are; `first` as in `explains`."""
+    those near it are."""
     order = sorted(tried, key=left_by)
-    others = [left_by(one) for one in order if one[0].key != order[0][0].key]
-    if not others or is_curve(order[0]) or left_by(order[0]) > min(LEADING * others[0], first):
+    others = [left_by(one) for one in order if one.candidate.key != order[0].candidate.key]
+    if not others or is_curve(order[0]) or left_by(order[0]) > min(LEADING * others[0], bench.at_first):
         return None
-    return None if explains(bench, order[0][1], first, CLOSE**2) else order[0]
+    return None if explains(bench, order[0].state, CLOSE**2) else order[0]
 
 
-def outshines(bench: Bench, one: Tried, tried: Sequence[Tried], first: float) -> bool:
-    """Whether a name that is far ahead of all that were `tried` leaves so little of `first`, as in `explains`, that what is left is
+def outshines(bench: Bench, one: Tried, tried: Sequence[Tried]) -> bool:
+    """Whether a name that is far ahead of all that were `tried` leaves so little of what there is without effects that what is left is
     another effect's: a law that leads little in noise powers, what gives little of all that there was, or of what any other leaves."""
     dof = degrees(bench.split.select)
-    if only_impedance(one[0].effect):
-        others = min((left_by(other) for other in tried if other[0].key != one[0].key), default=0.0)
-        leads = left_by(one) <= min(AHEAD * others, LEADING * first)
-        return leads or one[1].select - dof < ENOUGH * (first - dof)
-    return law_leads(tried, first) and excess(bench, one[1]) <= CLOSE**2
+    if only_impedance(one.candidate.effect):
+        others = min((left_by(other) for other in tried if other.candidate.key != one.candidate.key), default=0.0)
+        leads = left_by(one) <= min(AHEAD * others, LEADING * bench.at_first)
+        return leads or one.state.select - dof < ENOUGH * (bench.at_first - dof)
+    return law_leads(bench, tried) and reduced_chi2(bench, one.state) <= CLOSE**2
 
 
-def at_minimum(bench: Bench, one: Tried, progress: Callable[[str], None]) -> Tried:
+def at_minimum(bench: Bench, one: Tried) -> Tried:
     """A candidate that is far ahead, at its minimum."""
-    state = fully(bench, wound_up(bench, _otherwise(bench, one[1], progress), progress))
-    if winds_up(state.effects[-1]) and excess(bench, state) > NAMED and not bench.late:
-        state = afresh(bench, state, progress)
-    progress(f"  far ahead, {told(state.effects[-1])}: {excess(bench, state):.4g}")
-    return one[0], state
+    state = fully(bench, wound_up(bench, _otherwise(bench, one.state)))
+    if winds_up(state.effects[-1]) and reduced_chi2(bench, state) > NAMED and not bench.late:
+        state = afresh(bench, state)
+    bench.say(f"  far ahead, {told(state.effects[-1])}: {reduced_chi2(bench, state):.4g}")
+    return one.refitted(state)
 
 
-def giving(
-    bench: Bench, state: State, lin: Linearised, one: Tried, tried: Sequence[Tried], progress: Callable[[str], None]
-) -> list[Tried]:
+def giving(bench: Bench, state: State, lin: Linearised, one: Tried, tried: Sequence[Tried]) -> list[Tried]:
     """Beside what gives, a spring or a mode of its own, all else that gives at its joint and was not `tried` beyond `state`: as shapes move
     far, what these promise to first order says little."""
-    effect = one[1].effects[-1]
+    effect = one.state.effects[-1]
     if not only_impedance(effect) or effect.joint is None or effect.numbers < 2:
         return []
     known = [*state.effects, *(other.effect for other, _ in tried)]
@@ -329,37 +318,37 @@ def giving(
     )
     names = [best_of(lin, *one) for one in kinds]
     likely = [c for c in names if c is not None and only_impedance(c.effect)]
-    return refitted(bench, state, [(c, lin) for c in likely], progress)
+    return refitted(bench, state, [(c, lin) for c in likely])
 
 
-def polished(bench: Bench, tried: Sequence[Tried], first: float, progress: Callable[[str], None]) -> list[Tried]:
-    """The candidates, those that may be chosen fitted finely, and the best name from other places where it leaves something; `first`
-    as in `explains`. Once it is late all stay as they are."""
+def polished(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
+    """The candidates, those that may be chosen fitted finely, and the best name from other places where it leaves something.
+    Once it is late all stay as they are."""
     if bench.late:
         return list(tried)
-    tried = curve_finely(bench, tried, progress)
-    finalists = _finalists(bench, tried, first)
+    tried = curve_finely(bench, tried)
+    finalists = _finalists(bench, tried)
     if not finalists:
         return list(tried)
-    found = finely(bench, finalists, progress) + [one for one in tried if all(one is not other for other in finalists)]
+    found = finely(bench, finalists) + [one for one in tried if all(one is not other for other in finalists)]
     named = best_names(found)
     if not named:
         return found
-    best_name, likeliest = named[0], max(named, key=lambda one: one[0].gain)
-    if likeliest is not best_name and (other := _other_whole(bench, likeliest[1], progress)) is not likeliest[1]:
-        found = [(one[0], other) if one is likeliest else one for one in found]
+    best_name, likeliest = named[0], max(named, key=lambda one: one.candidate.gain)
+    if likeliest is not best_name and (other := _other_whole(bench, likeliest.state)) is not likeliest.state:
+        found = [one.refitted(other) if one is likeliest else one for one in found]
         best_name = best_names(found)[0]
     if drawn_whole(bench, found):
         return found
-    better = wound_up(bench, _otherwise(bench, best_name[1], progress), progress)
-    far = not explains(bench, better, first) or (winds_up(better.effects[-1]) and excess(bench, better) > NAMED)
+    better = wound_up(bench, _otherwise(bench, best_name.state))
+    far = not explains(bench, better) or (winds_up(better.effects[-1]) and reduced_chi2(bench, better) > NAMED)
     curve = min((left_by(one) for one in found if is_curve(one)), default=np.inf)
     if far and not bench.late and curve > UNLIKELY * better.select:
-        better = elsewhere(bench, better, better.effects[-1], progress)
-    return [(one[0], better) if one is best_name else one for one in found]
+        better = elsewhere(bench, better, better.effects[-1])
+    return [one.refitted(better) if one is best_name else one for one in found]
 
 
-def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried]:
+def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     """The candidates to be fitted finely: where a name leaves nothing, those near the noise, or none if it is alone there; where none
     is near, those not far behind the best, but none behind a law that is far ahead, or behind what rings that is. Of the curves the best,
     and dry friction that is as good in haste.
@@ -370,22 +359,22 @@ def _finalists(bench: Bench, tried: Sequence[Tried], first: float) -> list[Tried
         return drawn
     if rings_ahead(tried):
         return drawn[:1]
-    left = excess(bench, named[0][1])
-    if explains(bench, named[0][1], first, CLOSE**2):
+    left = reduced_chi2(bench, named[0].state)
+    if explains(bench, named[0].state, CLOSE**2):
         rivals = [one for one in named[:FINALISTS] + (drawn if left > NAMED else []) if left_by(one) <= near]
         return rivals if len(rivals) > 1 or left > NAMED else []
-    if law_leads(tried, first):
+    if law_leads(bench, tried):
         return named[:1] + drawn
     return named[:1] + [one for one in named[1:FINALISTS] + drawn if UNLIKELY * left_by(one) <= left_by(named[0])]
 
 
-def _otherwise(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+def _otherwise(bench: Bench, state: State) -> State:
     """The model, or a better one whose last effect has another whole number, of turns or of a record: what was missing bent the
     arm from which it was read."""
-    return state if bench.late or excess(bench, state) < NAMED else _other_whole(bench, state, progress)
+    return state if bench.late or reduced_chi2(bench, state) < NAMED else _other_whole(bench, state)
 
 
-def _other_whole(bench: Bench, state: State, progress: Callable[[str], None]) -> State:
+def _other_whole(bench: Bench, state: State) -> State:
     """The model, or a better one whose last effect has another whole number."""
     effect = state.effects[-1]
     if not any(p.whole for p in effect.parameters):
@@ -396,5 +385,5 @@ def _other_whole(bench: Bench, state: State, progress: Callable[[str], None]) ->
     if best.select >= state.select:
         return state
     best = fitted(bench, Refit.of(best))
-    progress(f"  otherwise, {told(best.effects[-1])}: {excess(bench, best):.4g}")
+    bench.say(f"  otherwise, {told(best.effects[-1])}: {reduced_chi2(bench, best):.4g}")
     return best if best.select < state.select else state

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from ident.campaign import Array
 from ident.candidates import Candidate, bounds, units
 from ident.choice import Tried
 from ident.minima import WOUND, told, winds_up
-from ident.refits import CLOSE, FIRST_LINES, HASTILY, NAMED, Bench, Refit, State, all_fitted, excess, same
+from ident.refits import CLOSE, FIRST_LINES, HASTILY, NAMED, Bench, Refit, State, all_fitted, reduced_chi2, same
 from ident.trace import Linearised
 
 #: Of many candidates, those that few lines leave least to are refitted as others are.
@@ -20,21 +20,17 @@ BEST = 2
 PROMISED = 0.5
 
 
-def by_few_lines(
-    bench: Bench, state: State, lin: Linearised, likely: Sequence[Candidate], progress: Callable[[str], None]
-) -> list[Tried]:
+def by_few_lines(bench: Bench, state: State, lin: Linearised, likely: Sequence[Candidate]) -> list[Tried]:
     """The best two of many candidates, by few lines, refitted as others are."""
     if bench.late:
         return []
     refits = [replace(with_candidate(state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
     left = [new.select for new in all_fitted(bench, refits)]
     best = sorted(zip(left, range(len(left)), strict=True))[:BEST]
-    return refitted(bench, state, [(likely[k], lin) for _, k in best], progress)
+    return refitted(bench, state, [(likely[k], lin) for _, k in best])
 
 
-def refitted(
-    bench: Bench, state: State, short: Sequence[tuple[Candidate, Linearised]], progress: Callable[[str], None]
-) -> list[Tried]:
+def refitted(bench: Bench, state: State, short: Sequence[tuple[Candidate, Linearised]]) -> list[Tried]:
     """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted; once one leaves nothing, where
     there was much, none that promises much less, and none once it is late."""
     if bench.late:
@@ -43,16 +39,16 @@ def refitted(
     candidates, whole = [candidate for candidate, _ in short], 0.0
     tried: list[Tried] = []
     for candidate, new in zip(candidates, all_fitted(bench, refits), strict=True):
-        tried.append((candidate, new))
-        progress(f"  {told(new.effects[-1])}: {excess(bench, new):.4g}, promised {candidate.gain:.3g}")
-        if excess(bench, new) <= NAMED and excess(bench, state) > CLOSE:
+        tried.append(Tried(candidate, new))
+        bench.say(f"  {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}, promised {candidate.gain:.3g}")
+        if reduced_chi2(bench, new) <= NAMED and reduced_chi2(bench, state) > CLOSE:
             whole = max(whole, candidate.gain)
         if bench.late or all(other.gain < PROMISED * whole for other in candidates[len(tried) :]):
             break
     return tried
 
 
-def again(bench: Bench, state: State, earlier: Sequence[State], progress: Callable[[str], None]) -> list[Tried]:
+def again(bench: Bench, state: State, earlier: Sequence[State]) -> list[Tried]:
     """The model `state` with the last effect of each of some `earlier` ones, as it was in them, on the arm that they had."""
     refits: dict[tuple[str, int | None], tuple[Candidate, Refit]] = {}
     base = state.problem.base
@@ -64,9 +60,9 @@ def again(bench: Bench, state: State, earlier: Sequence[State], progress: Callab
             found = np.concatenate([arm, state.minimum.vector[base:]])
             refits[effect.name, effect.joint] = candidate, _with(state, found, candidate, other.limits[own:])
     candidates, models = [c for c, _ in refits.values()], all_fitted(bench, [refit for _, refit in refits.values()])
-    tried = list(zip(candidates, models, strict=True))
+    tried = list(map(Tried, candidates, models))
     for _, new in tried:
-        progress(f"  again, {told(new.effects[-1])}: {excess(bench, new):.4g}")
+        bench.say(f"  again, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
     return tried
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from ident.arm_model import Parameters
 from ident.campaign import Array
 from ident.coupled import DOUBTS
 from ident.parts import united
-from ident.refits import FIRST_LINES, HASTILY, Bench, Refit, State, excess, fitted
+from ident.refits import FIRST_LINES, HASTILY, Bench, Refit, State, fitted, reduced_chi2
 from symgen.forked import forked
 
 #: chi^2 that a number of the arm costs which is off by all of its size: no record may show it without a joint excited. On the way
@@ -25,7 +24,7 @@ FAR_LESS, FEWEST = 0.1, 4
 DOUBTED = 0.2
 
 
-def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench:
+def unbent(bench: Bench, start: State) -> Bench:
     """The bench with the arm that the records tell in which one joint is held, in place of the declared one, if they fit far
     better than others: what is missing acts at that joint, and where it is held it hardly moves it."""
     joints = sorted({one.excited for one in bench.split.fit + bench.split.select})
@@ -34,18 +33,18 @@ def unbent(bench: Bench, start: State, progress: Callable[[str], None]) -> Bench
 
     def work(one: Bench) -> tuple[float, Array]:
         state = fitted(one, Refit(bench.guess.vector(), (), (), (), 1, HASTILY, DOUBTS, lines=FIRST_LINES))
-        return excess(one, state), state.minimum.vector
+        return reduced_chi2(one, state), state.minimum.vector
 
     found = forked(work, list(told.values()), bench.workers)
     left = sorted(((*one, joint) for joint, one in zip(told, found, strict=True)), key=lambda one: one[0])
-    if not left or left[0][0] > FAR_LESS * min([excess(bench, start), *(least for least, _, _ in left[1:])]):
+    if not left or left[0][0] > FAR_LESS * min([reduced_chi2(bench, start), *(least for least, _, _ in left[1:])]):
         return bench
     _, vector, joint = left[0]
     firmly, declared = replace(told[joint], firm=FIRMLY), bench.guess.vector()
     # From the declared one, too: what no record shows may be anywhere in `vector`.
     ends = [fitted(firmly, Refit(begin, (), (), (), lines=FIRST_LINES)) for begin in (vector, declared)]
-    least, vector = min(((excess(firmly, end), end.minimum.vector) for end in ends), key=lambda one: one[0])
-    progress(f"  without records of joint {joint + 1} the arm leaves {least:.3g}: from there")
+    least, vector = min(((reduced_chi2(firmly, end), end.minimum.vector) for end in ends), key=lambda one: one[0])
+    bench.say(f"  without records of joint {joint + 1} the arm leaves {least:.3g}: from there")
     n, D = bench.model.chain.n, len(bench.guess.alpha)
     own = joint + n * np.arange(4)  # of its drive these records tell little, or what is missing, too
     off = own[(own >= 2 * n) | (np.abs(vector[own] - declared[own]) > DOUBTED)]

@@ -173,7 +173,7 @@ def _worked(job: Job, tell: Callable[[str], None]) -> dict[str, Any]:
 
 def blind(file: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """The verdict on a campaign file, as `ident diagnose FILE` has it: nothing is known but what is in it."""
-    found, notes = diagnose_either(read_campaign(file), progress=progress)
+    found, notes = diagnose_either(read_campaign(file), say=progress)
     return verdict_document(found, [file], notes)
 
 

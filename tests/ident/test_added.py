@@ -12,6 +12,7 @@ import pytest
 import ident.added
 import ident.rounds
 from ident.added import Added, drawn_over, exchanged, outdone, pruned
+from ident.choice import Tried
 from ident.diagnose import _better
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
@@ -23,7 +24,7 @@ from ident.effects.structure import LinkFlexibility
 from ident.refits import Refit, instead
 
 DOF, BASE = 1000, 3
-BENCH: Any = SimpleNamespace(split=SimpleNamespace(select=()), late=False)
+BENCH: Any = SimpleNamespace(split=SimpleNamespace(select=()), late=False, say=lambda line: None, at_first=0.0)
 DELAY, LAG, DRY = InputDelay(2, (1e-3,)), TorqueLag(2, (1.1e-3,)), LinkCoulomb(2, (0.07,))
 
 
@@ -68,9 +69,9 @@ def test_what_was_tied_takes_the_place_of_what_leaves_more_once_more_is_known(
 
     monkeypatch.setattr(ident.added, "all_fitted", fitted)
     monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
-    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     added = [entry(DELAY, state(400.0, LAG)), entry(DRY)]
-    best, entries = exchanged(BENCH, state(now, DELAY, DRY), added, lambda line: None)
+    best, entries = exchanged(BENCH, state(now, DELAY, DRY), added)
     assert best.effects == ((LAG, DRY) if taken else (DELAY, DRY))
     said = [(one.effect, one.tied, one.rivals) for one in entries]
     first = (LAG, (), ((DELAY, 0.05),)) if taken else (DELAY, (LAG,), ((LAG, 0.06),))
@@ -86,9 +87,9 @@ def test_beside_a_curve_a_name_is_exchanged_only_for_one_that_leaves_hardly_anyt
         ident.added, "all_fitted", lambda bench, refits: [state(then, *refit.effects) for refit in refits]
     )
     monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
-    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     added = [entry(DELAY, state(900.0, LAG)), entry(curve)]
-    best, _ = exchanged(BENCH, state(750.0, DELAY, curve), added, lambda line: None)
+    best, _ = exchanged(BENCH, state(750.0, DELAY, curve), added)
     assert best.effects == ((LAG, curve) if taken else (DELAY, curve))
 
 
@@ -106,8 +107,8 @@ def test_what_came_first_is_left_out_by_what_is_left_without_it_at_the_minimum(
     curve = learned("motor", "position", [-1.0, 1.0])(2, (0.1, -0.1))
     monkeypatch.setattr(ident.added, "without", lambda bench, one, old: state(finely, DRY))
     monkeypatch.setattr(ident.added, "fully", lambda bench, one: state(closely, *one.effects))
-    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
-    best, entries = pruned(BENCH, state(0.9, curve, DRY), [entry(curve), entry(DRY)], lambda line: None)
+    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    best, entries = pruned(BENCH, state(0.9, curve, DRY), [entry(curve), entry(DRY)])
     assert best.effects == ((curve, DRY) if kept else (DRY,)) == tuple(one.effect for one in entries)
 
 
@@ -117,10 +118,10 @@ def test_what_was_left_out_leaves_what_it_led_to_to_what_made_it_superfluous(mon
     monkeypatch.setattr(
         ident.added, "without", lambda bench, one, old: state(0.9 + 9.0 * (old is not DELAY), *one.effects[1:])
     )
-    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     first = replace(entry(DELAY), besides=led, partly=(other,))
     second, last = replace(entry(LAG), besides=with_delay), replace(entry(DRY), besides=with_delay)
-    _, entries = pruned(BENCH, state(0.9, DELAY, LAG, DRY), [first, second, last], lambda line: None)
+    _, entries = pruned(BENCH, state(0.9, DELAY, LAG, DRY), [first, second, last])
     assert [one.effect for one in entries] == [LAG, DRY]
     assert entries[-1].partly == (other,) and _better(state(90.0), entries) is led
 
@@ -129,10 +130,10 @@ def test_what_came_first_tells_what_the_declared_arm_left_to_what_made_it_superf
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(ident.added, "without", lambda bench, one, old: state(0.9, DRY))
-    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     declared, later = (("motor", 2, 0.9),), (("link", 2, 0.4),)
     added = [replace(entry(DELAY), before=0.3, port_shares=declared), replace(entry(DRY), port_shares=later)]
-    _, (one,) = pruned(BENCH, state(0.9, DELAY, DRY), added, lambda line: None)
+    _, (one,) = pruned(BENCH, state(0.9, DELAY, DRY), added)
     assert (one.effect, one.before, one.port_shares) == (DRY, 0.3, declared)
 
 
@@ -143,12 +144,12 @@ def test_an_effect_to_which_another_only_led_is_told_by_what_the_arm_without_bot
     fakes = {
         "linearised": lambda *of: SimpleNamespace(of="the lead"), "hasty": lambda *of: (), "likely_names": lambda *of: (),
         "_best": lambda *of: (None, []), "_entered": lambda *of: (state(0.9, DELAY, DRY), entry(DRY)),
-        "earned": lambda bench, less, new, first: less is not alone, "without": lambda *of: alone,
+        "earned": lambda bench, less, new: less is not alone, "without": lambda *of: alone,
         "_entry": lambda bench, less, new, gain, tried, lin, effect: lin,
     }  # fmt: skip
     for name, fake in fakes.items():
         monkeypatch.setattr(ident.rounds, name, fake)
-    found = ident.rounds._with_second(BENCH, state(90.0), lead, (), (), before, 0.0, lambda line: None)
+    found = ident.rounds._with_second(BENCH, state(90.0), lead, (), (), before)
     assert found == (alone, [before])
 
 
@@ -157,8 +158,8 @@ def test_a_curve_that_bends_once_another_effect_is_left_out_is_still_told(monkey
     earlier = learned("motor", "friction", [0.0])(2, (0.1,))
     monkeypatch.setattr(ident.added, "without", lambda bench, one, old: state(1.5, curve))
     monkeypatch.setattr(ident.added, "fully", lambda bench, one: state(0.9, bends))
-    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
-    best, entries = pruned(BENCH, state(0.9, earlier, curve), [entry(earlier), entry(curve)], lambda line: None)
+    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    best, entries = pruned(BENCH, state(0.9, earlier, curve), [entry(earlier), entry(curve)])
     assert best.effects == (bends,) == tuple(one.effect for one in entries)
 
 
@@ -186,11 +187,11 @@ def test_friction_whose_creep_was_fitted_is_no_learned_friction_of_one_height(mo
     less = state(60.0, curve)
     monkeypatch.setattr(ident.added, "linearised", lambda problem, vector: None)
     monkeypatch.setattr(ident.added, "curves", lambda lin, workers: [SimpleNamespace(effect=drawn)])
-    monkeypatch.setattr(ident.added, "refitted", lambda *of: [(None, state(0.9, curve, drawn))])
+    monkeypatch.setattr(ident.added, "refitted", lambda *of: [Tried(None, state(0.9, curve, drawn))])
     monkeypatch.setattr(ident.added, "fully", lambda bench, one: one)
     monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
     both, entries = state(0.9, named, curve), [entry(named), entry(curve)]
-    best, told = drawn_over(whole_bench(), both, less, named, entries, lambda line: None)
+    best, told = drawn_over(whole_bench(), both, less, named, entries)
     assert best.effects == (curve, drawn) and [one.effect for one in told] == [drawn, curve]
 
 
@@ -200,11 +201,9 @@ def test_a_second_name_in_the_heights_of_a_curve_is_of_the_curves_entry(monkeypa
     monkeypatch.setattr(ident.added, "fitted", lambda bench, refit: state(0.9, *refit.effects))
     monkeypatch.setattr(ident.added, "fully", lambda bench, one: one)
     monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
-    monkeypatch.setattr(ident.added, "excess", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     entries = [replace(entry(curve), gain=5.0), replace(entry(named), gain=3.0)]
-    best, (one,) = drawn_over(
-        whole_bench(), state(0.9, named, curve), state(9.0, curve), named, entries, lambda line: None
-    )
+    best, (one,) = drawn_over(whole_bench(), state(0.9, named, curve), state(9.0, curve), named, entries)
     assert best.effects == (one.effect,) == (curve,) and one.gain == 8.0
 
 

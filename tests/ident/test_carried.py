@@ -19,7 +19,7 @@ from ident.effects.friction import LinkViscous
 from ident.effects.structure import BaseCompliance, LinkFlexibility, all_that_gives
 from ident.frf import estimate
 from ident.minima import _carrying, links_anew
-from ident.refits import Refit, excess, fitted, on_declared_links
+from ident.refits import Refit, fitted, on_declared_links, reduced_chi2
 from symgen.chain import Chain, Inertia
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
@@ -144,11 +144,11 @@ def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing(s
     limits = tuple((0.2 * min(b, v), 5.0 * max(b, v)) for b, v in zip(BASE.values, shapes, strict=True))
     vector = np.concatenate([bench.guess.vector(), shapes])
     declared = fitted(bench, Refit(vector, (BASE,), BASE.values, limits))
-    assert excess(bench, declared) > 3.0
+    assert reduced_chi2(bench, declared) > 3.0
     found = _carrying(bench, declared)
     (effect,) = found.effects
     assert isinstance(effect, Carrying) and effect.name == "base-compliance"
-    assert excess(bench, found) < 1.2
+    assert reduced_chi2(bench, found) < 1.2
     np.testing.assert_allclose(effect.values[:3], BASE.values[:3], rtol=0.02)
 
 
@@ -159,8 +159,8 @@ def test_what_it_carries_is_told_anew_once_another_effect_is_known_too() -> None
     limits = (*((0.2 * b, 5.0 * b) for b in BASE.values), (-10.0, 10.0))
     state = fitted(bench, Refit(np.concatenate([bench.guess.vector(), values]), effects, values, limits))
     said: list[str] = []
-    found = links_anew(bench, state, said.append)
-    assert excess(bench, state) > 3.0
-    assert excess(bench, found) < 1.2
+    found = links_anew(replace(bench, say=said.append), state)
+    assert reduced_chi2(bench, state) > 3.0
+    assert reduced_chi2(bench, found) < 1.2
     assert [effect.name for effect in found.effects] == ["base-compliance", "link-viscous"]
     assert isinstance(found.effects[0], Carrying) and len(said) == 1

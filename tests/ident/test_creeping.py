@@ -19,7 +19,7 @@ from ident.effects.friction import MotorCoulomb, MotorStribeck
 from ident.effects.motion import CREEP, State
 from ident.frf import estimate
 from ident.minima import as_declared, crept
-from ident.refits import FINELY, Refit, excess, fitted, linearised
+from ident.refits import FINELY, Refit, fitted, linearised, reduced_chi2
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -76,7 +76,7 @@ def test_how_a_contact_creeps_is_found_where_that_leaves_less() -> None:
         Refit(np.append(as_declared(bench, start), LEVEL), (MotorCoulomb(JOINT, (LEVEL,)),), scales, limits, 1, FINELY),
     )
     found = crept(bench, plain)
-    assert excess(bench, found) < 0.5 * excess(bench, plain)
+    assert reduced_chi2(bench, found) < 0.5 * reduced_chi2(bench, plain)
     (law,) = found.effects
     assert isinstance(law, Creeping) and law.creep == pytest.approx(DECADES, abs=0.2)
     assert law["level"] == pytest.approx(LEVEL, rel=0.1)  # a hasty fit

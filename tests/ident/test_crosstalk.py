@@ -19,7 +19,7 @@ from ident.curves import curves
 from ident.effects.base import Effect, Parameter
 from ident.effects.crosstalk import Crosstalk, crosstalk
 from ident.effects.motion import State
-from ident.refits import Bench, Refit, excess, first, fitted, linearised
+from ident.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
 from ident.refits import State as Fitted
 from ident.trace import Linearised
 from ident.tried import refitted
@@ -54,19 +54,19 @@ def bench() -> Bench:
 
 @cache
 def declared() -> tuple[Fitted, Linearised]:
-    start = first(bench())
+    start = without_effects(bench())
     return start, linearised(start.problem, start.minimum.vector)
 
 
 def test_what_comes_of_another_amplifier_is_drawn_to_the_noise() -> None:
     start, lin = declared()
     likely = curves(lin)[0]
-    ((_, hasty),) = refitted(bench(), start, [(likely, lin)], lambda line: None)
+    ((_, hasty),) = refitted(bench(), start, [(likely, lin)])
     state = fitted(bench(), Refit.of(hasty))
     found = state.effects[-1]
     assert isinstance(found, Crosstalk) and (found.port, found.joint, found.other) == ("motor", JOINT, OTHER)
     assert found.values[0] == pytest.approx(SHARE, rel=0.05)
-    assert excess(bench(), state) < 1.1 < 0.5 * excess(bench(), start)
+    assert reduced_chi2(bench(), state) < 1.1 < 0.5 * reduced_chi2(bench(), start)
 
 
 def test_what_comes_of_another_encoder_is_seen_where_it_is() -> None:

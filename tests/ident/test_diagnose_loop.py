@@ -32,7 +32,7 @@ from ident.effects.spring import Backlash
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.parts import Split, split, split_lines, united
-from ident.refits import HASTILY, Bench, Refit, State, excess, fitted, linearised
+from ident.refits import HASTILY, Bench, Refit, State, fitted, linearised, reduced_chi2
 from ident.rest import _fits_alone, _hardly_chooses, is_little, is_of_one_joint, may_be_bent, share_left
 from ident.trace import linearise
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
@@ -93,7 +93,7 @@ def test_nothing_is_found_where_nothing_is(model: Model) -> None:
 def test_an_effect_that_no_group_of_lines_shows_is_looked_for(model: Model) -> None:
     faint, clean = (begun(model, *effects) for effects in ((FAINT,), ()))
     parts = faint.bench.split
-    assert excess(faint.bench, faint.start) < 1.1 and not groups(faint.start, parts.fit + parts.select)
+    assert reduced_chi2(faint.bench, faint.start) < 1.1 and not groups(faint.start, parts.fit + parts.select)
     assert faint.departs and not clean.departs
 
 
@@ -195,22 +195,22 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
         return (bent if state is start else straight), [SimpleNamespace(partly=())]
 
     stand_ins = dict.fromkeys(
-        ("apart", "exchanged", "pruned", "in_each_record"), lambda bench, state, added, progress: (state, added)
+        ("apart", "exchanged", "pruned", "in_each_record"), lambda bench, state, added: (state, added)
     ) | {
-        "excess": lambda bench, state: state.left,
+        "reduced_chi2": lambda bench, state: state.left,
         "something_departs": lambda bench, state: state.left > 1.1,
         "is_suspect": lambda bench, state: False,
         "is_little": lambda bench, start, state: False,
         "another": another,
-        "one_more": lambda bench, state, progress: ["name"] * does,
-        "elsewhere": lambda bench, state, effect, progress: state,
+        "one_more": lambda bench, state: ["name"] * does,
+        "elsewhere": lambda bench, state, effect: state,
         "explains": lambda *of: True,
-        "afresh": lambda bench, state, progress: straight,
+        "afresh": lambda bench, state: straight,
     }
     _instead(monkeypatch, stand_ins)
-    bench = SimpleNamespace(split=SimpleNamespace(note="by lines"), late=False)
+    bench = SimpleNamespace(split=SimpleNamespace(note="by lines"), late=False, say=lambda line: None)
     added = [SimpleNamespace(partly=())] * (2 if does else 1)
-    assert _loop(bench, start, lambda line: None) == (straight, added)
+    assert _loop(bench, start) == (straight, added)
     assert asked == ([start, bent] if does else [start])
 
 
@@ -221,29 +221,29 @@ def test_what_hardly_leaves_noise_is_looked_for_beside_what_was_found_too(
     found = SimpleNamespace(select=left, effects=())
     suspected: list[bool] = []
     stand_ins = {
-        "excess": lambda bench, state: state.select,
+        "reduced_chi2": lambda bench, state: state.select,
         "degrees": lambda data: 1,
         "something_departs": lambda bench, state: False,
         "is_suspect": lambda bench, state: suspected.append(True),
-        "links_anew": lambda bench, state, progress: state,
+        "links_anew": lambda bench, state: state,
     }
     _instead(monkeypatch, stand_ins)
-    bench = SimpleNamespace(split=SimpleNamespace(note="by lines", select=()), late=False)
-    _loop(bench, SimpleNamespace(select=9.0), lambda line: None, (found, ["added"]))
+    bench = SimpleNamespace(split=SimpleNamespace(note="by lines", select=()), late=False, say=lambda line: None)
+    _loop(bench, SimpleNamespace(select=9.0), (found, ["added"]))
     assert suspected == [True] * asked
 
 
 def test_what_is_resumed_by_lines_has_its_links_told_anew_first(monkeypatch: pytest.MonkeyPatch) -> None:
     start, found, mended = (SimpleNamespace(select=left, left=left, effects=()) for left in (9.0, 5.0, 1.0))
     stand_ins = {
-        "excess": lambda bench, state: state.left,
+        "reduced_chi2": lambda bench, state: state.left,
         "something_departs": lambda bench, state: state.left > 1.1,
-        "links_anew": lambda bench, state, progress: mended,
+        "links_anew": lambda bench, state: mended,
     }
     _instead(monkeypatch, stand_ins)
-    bench = SimpleNamespace(split=SimpleNamespace(note="by lines", select=()), late=False)
+    bench = SimpleNamespace(split=SimpleNamespace(note="by lines", select=()), late=False, say=lambda line: None)
     _instead(monkeypatch, {"degrees": lambda data: 1})
-    assert _loop(bench, start, lambda line: None, (found, ["added"])) == (mended, ["added"])
+    assert _loop(bench, start, (found, ["added"])) == (mended, ["added"])
 
 
 @pytest.mark.parametrize(("chosen", "lines"), [(1.3, True), (0.95, False)])
@@ -257,14 +257,18 @@ def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
         for select, fit in ((500.0, 500.0), (chosen, 0.93), (0.94, 0.94))
     )
     bench: Any = SimpleNamespace(
-        split=SimpleNamespace(note="", fit=(), select=(), report=()), late=False, campaign=None, model=None
+        split=SimpleNamespace(note="", fit=(), select=(), report=()),
+        late=False,
+        campaign=None,
+        model=None,
+        say=lambda line: None,
     )
     whole: Any = SimpleNamespace(
         **{**vars(bench), "split": SimpleNamespace(note="lines", fit=(), select=(), report=())}
     )
     stand_ins = {
         "degrees": lambda data: 1,
-        "_loop": lambda bench, start, progress, resumed=None, gives_way=None: resumed or (found, []),
+        "_loop": lambda bench, start, resumed=None, gives_way=None: resumed or (found, []),
         "_by_lines": lambda bench, data: (whole, first),
         "_resumed": lambda bench, start, state, added: (other, []),
         "left_over": lambda *of: (),
@@ -300,7 +304,7 @@ def test_entries_are_in_the_order_in_which_they_were_added_and_errors_of_the_sam
         "errors": lambda bench, state, data: SimpleNamespace(all=state.select, of=data),
     }
     _instead(monkeypatch, stand_ins)
-    bench: Any = SimpleNamespace(split=parts, campaign=None, model=None)
+    bench: Any = SimpleNamespace(split=parts, campaign=None, model=None, say=lambda line: None)
     told = Begun((), (), bench, start).diagnosed()  # type: ignore[arg-type]
     assert [(one.effect, one.after) for one in told.added] == [(renamed_first, 0.2), (second, 1.0)]
     assert told.before.of == told.after.of == ("first",)  # type: ignore[attr-defined]
@@ -416,7 +420,7 @@ def test_lines_of_every_record_begin_with_what_was_found_where_that_leaves_littl
 def test_a_little_of_what_a_curve_draws_is_always_left(
     effect: Effect, left: float, little: bool, bent: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ident.rest.excess", lambda bench, state: state.left)
+    monkeypatch.setattr("ident.rest.reduced_chi2", lambda bench, state: state.left)
     monkeypatch.setattr("ident.rest.is_little", lambda bench, start, state: little)
     state: Any = SimpleNamespace(left=left, effects=(effect,))
     assert may_be_bent(state, state, state) == bent
@@ -434,7 +438,7 @@ def test_a_little_of_what_a_curve_draws_is_always_left(
 def test_what_bends_the_whole_arm_is_not_named_where_one_joint_would_explain_more(
     joint: int | None, left: float, by_port: float, of_one: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ident.rest.excess", lambda bench, state: state.left)
+    monkeypatch.setattr("ident.rest.reduced_chi2", lambda bench, state: state.left)
     monkeypatch.setattr("ident.rest.share_left", lambda bench, start, state: state.left / start.left)
     bench, start = SimpleNamespace(model=SimpleNamespace(chain=SimpleNamespace(n=3))), SimpleNamespace(left=1e4)
     state = SimpleNamespace(left=left)
@@ -461,7 +465,7 @@ def test_a_name_takes_a_curves_place_once_it_explains_the_records() -> None:
     )
     state = fitted(bench, drawn)
     entry = replace(d.added[0], effect=state.effects[0])
-    new, (added,) = renamed(bench, state, state.effects[0], [entry], state.select, lambda line: None)
+    new, (added,) = renamed(bench, state, state.effects[0], [entry])
     assert [e.name for e in new.effects] == [added.effect.name] == ["motor-coulomb"]
     assert added.effect.joint == by_hand.JOINT
     assert added.effect.values[0] == pytest.approx(by_hand.LEVEL, rel=0.05)
@@ -509,7 +513,7 @@ def test_more_is_left_of_a_motion_that_may_not_be_found(
 ) -> None:
     """Six noise powers: of play it may be its own motion, of much dry friction how it creeps; of a hysteresis, whose motion is found, it is
     another effect's."""
-    monkeypatch.setattr("ident.rest.excess", lambda bench, state: state.select)
+    monkeypatch.setattr("ident.rest.reduced_chi2", lambda bench, state: state.select)
     monkeypatch.setattr(
         "ident.rest.share_left", lambda bench, start, state: (state.select - 1.0) / (start.select - 1.0)
     )

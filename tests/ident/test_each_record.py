@@ -26,7 +26,7 @@ from ident.effects.friction import MotorCoulomb
 from ident.evidence import Evidence
 from ident.frf import estimate
 from ident.parts import Split, split_lines
-from ident.refits import excess, first, linearised
+from ident.refits import linearised, reduced_chi2, without_effects
 from ident.tried import refitted
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
@@ -84,17 +84,17 @@ def test_a_stiffness_for_each_record_takes_the_place_of_a_change_that_leaves_muc
     responses = tuple(estimate(record, campaign) for record in campaign.records)
     begun = begin(campaign, make_model(chain, believe_zeros=True), responses)
     bench = replace(begun.bench, split=split_lines(begun.data, "all"))
-    start = first(bench)
+    start = without_effects(bench)
     lin = linearised(start.problem, start.minimum.vector)
     candidate = best_of(lin, ChangeBetweenRecords, 0)
     assert candidate is not None
-    ((_, state),) = refitted(bench, start, [(candidate, lin)], lambda line: None)
+    ((_, state),) = refitted(bench, start, [(candidate, lin)])
     entry = Added(state.effects[-1], (), 1.0, 1.0, 0.0, 1.0, (), (), ())
-    new, (found,) = in_each_record(bench, state, [entry], lambda line: None)
-    assert excess(bench, new) < 1.2 < excess(bench, state)
+    new, (found,) = in_each_record(bench, state, [entry])
+    assert reduced_chi2(bench, new) < 1.2 < reduced_chi2(bench, state)
     shares = (1.0 + np.array([0.0, *new.effects[-1].values])) * new.problem.parameters(new.minimum.vector).K[0]
     own = np.array([record.excited == chain.names[0] for record in campaign.records])  # others tell less of it
     ratios = (shares / (1.0 + np.array([0.0, *true.values])))[own]
     assert ratios == pytest.approx(np.full(len(ratios), ratios[0]), rel=2e-3)
     assert found.effect is new.effects[-1] and found.rivals == ((state.effects[-1], 1.0),)
-    assert in_each_record(begun.bench if not begun.bench.split.note else bench, new, [found], print) == (new, [found])
+    assert in_each_record(begun.bench if not begun.bench.split.note else bench, new, [found]) == (new, [found])

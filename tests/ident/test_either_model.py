@@ -16,7 +16,7 @@ from ident.campaign import Campaign
 from ident.diagnose import begin
 from ident.effects.motor import InputDelay
 from ident.either_model import diagnose_either
-from ident.refits import excess
+from ident.refits import reduced_chi2
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -53,7 +53,7 @@ def test_general_links_beside_what_was_found_leave_as_much() -> None:
     found, _ = diagnose_either(campaign(DELAY))
     general = begin(campaign(DELAY), make_model(chain_of_robot(SHORT)), found.responses)
     assert len(general.bench.model.alpha_cad) > len(found.model.alpha_cad)
-    assert excess(*general.beside(found.end, found.split)) == pytest.approx(found.left, rel=0.1)
+    assert reduced_chi2(*general.beside(found.end, found.split)) == pytest.approx(found.left, rel=0.1)
 
 
 class Left:
@@ -70,7 +70,9 @@ class Left:
 def _stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stand-in of a model is what it leaves."""
     monkeypatch.setattr(
-        ident.either_model, "excess", lambda bench, state: state if isinstance(state, float) else excess(bench, state)
+        ident.either_model,
+        "reduced_chi2",
+        lambda bench, state: state if isinstance(state, float) else reduced_chi2(bench, state),
     )
     monkeypatch.setattr(ident.either_model, "far_from_zero", lambda general, symmetric, end: end.far)
 
@@ -111,7 +113,7 @@ def test_what_takes_fewer_numbers_is_taken(
     runs: list[bool] = []
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
-        def diagnosed(progress: object, gives_way: object = None) -> Left:
+        def diagnosed(gives_way: object = None) -> Left:
             runs.append(bool(model.factoring.believed))
             return Left(model, by_zeros if model.factoring.believed else by_general, values)
 
@@ -204,7 +206,7 @@ def test_links_that_leave_far_less_without_effects_come_first(
         )
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
-    monkeypatch.setattr(ident.either_model, "one_more", lambda bench, state, progress: named)
+    monkeypatch.setattr(ident.either_model, "one_more", lambda bench, state: named)
     found = diagnose_either(campaign(0.0, 1))[0]
     assert runs == order and bool(found.model.factoring.believed) == believed
 
@@ -219,7 +221,7 @@ def test_what_general_links_explain_far_better_and_no_name_is_theirs(
     asked: list[bool] = []
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
-        def diagnosed(progress: object, ask: object = None) -> Left:
+        def diagnosed(ask: object = None) -> Left:
             if callable(ask):
                 asked.append(ask(left, None))
             return Left(model, 1.0, 1)
@@ -230,7 +232,7 @@ def test_what_general_links_explain_far_better_and_no_name_is_theirs(
         )
 
     monkeypatch.setattr(ident.either_model, "begin", begun)
-    monkeypatch.setattr(ident.either_model, "one_more", lambda bench, state, progress: named)
+    monkeypatch.setattr(ident.either_model, "one_more", lambda bench, state: named)
     diagnose_either(campaign(0.0, 1))
     assert asked == [gives_way]
 
@@ -238,7 +240,9 @@ def test_what_general_links_explain_far_better_and_no_name_is_theirs(
 def test_a_search_that_was_ended_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     ends: list[float] = []
 
-    def begun(campaign: Campaign, model: Model, responses: object, workers: int, until: float) -> SimpleNamespace:
+    def begun(
+        campaign: Campaign, model: Model, responses: object, workers: int, until: float, say: object
+    ) -> SimpleNamespace:
         ends.append(until)
         found = Left(model, 5.0, 1)
         found.status = "unexplained"

@@ -23,7 +23,7 @@ from ident.effects.response import Response, response
 from ident.frf import estimate
 from ident.gains import named_gains
 from ident.minima import told
-from ident.refits import Refit, State, excess, fitted, linearised
+from ident.refits import Refit, State, fitted, linearised, reduced_chi2
 from ident.tried import refitted
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
@@ -83,7 +83,7 @@ def drawn(*effects: Effect) -> State:
     """The arm with the better of the two frequency responses that promise most."""
     one = begun(*effects)
     declared = linearised(one.start.problem, one.bench.guess.vector())
-    tried = refitted(one.bench, one.start, [(c, declared) for c in responses(declared, 0.0)[:2]], lambda line: None)
+    tried = refitted(one.bench, one.start, [(c, declared) for c in responses(declared, 0.0)[:2]])
     best = min((state for _, state in tried), key=lambda state: state.select)
     return fitted(one.bench, Refit.of(best))
 
@@ -93,7 +93,7 @@ def test_a_current_loop_of_second_order_is_drawn_to_the_noise() -> None:
     """To 1 % of the torque from 5 Hz; slower, these short records hardly tell."""
     loop = LOOP(JOINT, (1e-3,))
     state = drawn(loop)
-    assert excess(begun(loop).bench, state) < 1.2 < 1e-2 * excess(begun(loop).bench, begun(loop).start)
+    assert reduced_chi2(begun(loop).bench, state) < 1.2 < 1e-2 * reduced_chi2(begun(loop).bench, begun(loop).start)
     (found,) = state.effects
     assert isinstance(found, Response) and told(found) == "unknown at joint 2: frequency at the motor"
     s = 2j * np.pi * np.geomspace(5.0, found.knots[-1], 50)
@@ -103,7 +103,7 @@ def test_a_current_loop_of_second_order_is_drawn_to_the_noise() -> None:
 @pytest.mark.bench
 def test_two_names_take_the_place_of_a_response_that_they_make() -> None:
     lag, delay = LAG(JOINT, (1e-3,)), DELAY(JOINT, (1e-3,))
-    found = named_gains(begun(lag, delay).bench, drawn(lag, delay), lambda line: None)
+    found = named_gains(begun(lag, delay).bench, drawn(lag, delay))
     assert found is not None and {e.name for e in found.effects} == {"torque-lag", "input-delay"}
     assert [e.values[0] for e in found.effects] == pytest.approx([1e-3, 1e-3], rel=0.02)
 
@@ -111,7 +111,7 @@ def test_two_names_take_the_place_of_a_response_that_they_make() -> None:
 @pytest.mark.bench
 def test_no_two_names_take_the_place_of_one_that_they_do_not_make() -> None:
     loop = LOOP(JOINT, (1e-3,))
-    assert named_gains(begun(loop).bench, drawn(loop), lambda line: None) is None
+    assert named_gains(begun(loop).bench, drawn(loop)) is None
 
 
 @pytest.mark.parametrize(
@@ -126,9 +126,9 @@ def test_two_joints_that_lag_alike_are_no_arm_that_does(effects: tuple[Effect, .
     declared = linearised(start.problem, bench.guess.vector())
     lag = best_of(declared, LAG, None)
     assert lag is not None
-    ((_, state),) = refitted(bench, start, [(lag, declared)], lambda line: None)
+    ((_, state),) = refitted(bench, start, [(lag, declared)])
     entry = replace(diagnosed.diagnosis().added[0], effect=state.effects[-1])
-    found, added = apart(bench, state, [entry], lambda line: None)
-    assert excess(bench, state) > 10.0 and [e.joint for e in found.effects] == joints
+    found, added = apart(bench, state, [entry])
+    assert reduced_chi2(bench, state) > 10.0 and [e.joint for e in found.effects] == joints
     assert [one.effect for one in added] == list(found.effects)
     assert all(e.values[0] == pytest.approx(3e-4, rel=0.02) for e in found.effects if e.joint is not None)

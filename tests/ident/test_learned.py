@@ -29,7 +29,7 @@ from ident.effects.motion import State
 from ident.evidence import gravity_basis
 from ident.minima import fully, told
 from ident.periods import Spectrum, spectrum
-from ident.refits import Bench, Refit, excess, first, fitted, linearised
+from ident.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
 from ident.refits import State as Fitted
 from ident.rest import _mended
 from ident.trace import Linearised, linearise
@@ -186,7 +186,7 @@ def declared(name: str, *values: float, rests: tuple[float, ...] = RESTS) -> Fit
     return FIRST(bench(name, *values, rests=rests))
 
 
-FIRST = cache(first)
+FIRST = cache(without_effects)
 
 
 def left(name: str, *values: float, rests: tuple[float, ...] = RESTS) -> Linearised:
@@ -315,17 +315,17 @@ def test_a_law_that_is_steepest_at_standstill_is_drawn_to_the_noise() -> None:
     """With as many knots of a velocity that are spread over all of it 1.3 is left."""
     law = "root-damper", 1.0
     (best,) = [c for c in curves(left(*law)) if told(c.effect) == "unknown at joint 2: velocity at the link"]
-    tried = refitted(bench(*law), declared(*law), [(best, left(*law))], lambda line: None)
-    assert excess(bench(*law), fitted(bench(*law), Refit.of(tried[0][1]))) < 1.1
+    tried = refitted(bench(*law), declared(*law), [(best, left(*law))])
+    assert reduced_chi2(bench(*law), fitted(bench(*law), Refit.of(tried[0][1]))) < 1.1
 
 
 @pytest.mark.bench
 def test_friction_that_is_lost_with_speed_is_drawn_with_the_motion_that_it_leaves() -> None:
     law = "falling-friction", 0.2, 0.03
     (likely,) = [c for c in curves(left(*law))[:2] if told(c.effect) == "unknown at joint 2: sliding at the link"]
-    tried = refitted(bench(*law), declared(*law), [(likely, left(*law))], lambda line: None)
+    tried = refitted(bench(*law), declared(*law), [(likely, left(*law))])
     found = fitted(bench(*law), Refit.of(tried[0][1]))
-    assert excess(bench(*law), found) < 1.1 < 0.05 * excess(bench(*law), declared(*law))
+    assert reduced_chi2(bench(*law), found) < 1.1 < 0.05 * reduced_chi2(bench(*law), declared(*law))
     v = np.linspace(0.01, 0.2, 50)
     lost = np.concatenate([v, -v])
     drawn, true = found.effects[0], OUTSIDE[law[0]](JOINT, law[1:])
@@ -344,15 +344,15 @@ def test_friction_that_is_lost_with_speed_is_drawn_with_the_motion_that_it_leave
 def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tuple[Any, ...], port: str) -> None:
     """From the arm that was found with the curve, which is not bent."""
     drawn = [c for c in curves(left(*law)) if told(c.effect).startswith(f"unknown at joint 2: position at the {port}")]
-    ((_, state),) = refitted(bench(*law), declared(*law), [(drawn[0], left(*law))], lambda line: None)
+    ((_, state),) = refitted(bench(*law), declared(*law), [(drawn[0], left(*law))])
     state = fitted(bench(*law), Refit.of(state))
     plain, likely = names_alike(state)
     assert plain.effects == () and likely[0][0].effect.name == law[0]
     assert likely[0][0].effect.values == pytest.approx(law[1:], rel=0.3)
     weaker = likely[1][0].effect
     assert weaker.name == law[0] and weaker.values[0] == pytest.approx(0.8 * likely[0][0].effect.values[0])
-    ((_, found),) = refitted(bench(*law), plain, likely[:1], lambda line: None)
-    assert excess(bench(*law), fully(bench(*law), found)) < 1.1
+    ((_, found),) = refitted(bench(*law), plain, likely[:1])
+    assert reduced_chi2(bench(*law), fully(bench(*law), found)) < 1.1
 
 
 @pytest.mark.parametrize(
@@ -384,9 +384,9 @@ def test_a_spring_that_a_tooth_winds_is_seen_as_a_curve_of_its_motor() -> None:
 def test_a_spring_as_stiff_as_where_its_motor_is_is_drawn_to_the_noise() -> None:
     """With its stiffness, fitted besides, held: one of both is told."""
     law = "mesh-stiffness", 100.0, TEETH
-    tried = refitted(bench(*law), declared(*law), [(curves(left(*law))[0], left(*law))], lambda line: None)
+    tried = refitted(bench(*law), declared(*law), [(curves(left(*law))[0], left(*law))])
     after = fitted(bench(*law), Refit.of(tried[0][1]))
-    assert excess(bench(*law), after) < 1.1 < 0.1 * excess(bench(*law), declared(*law))
+    assert reduced_chi2(bench(*law), after) < 1.1 < 0.1 * reduced_chi2(bench(*law), declared(*law))
     found, true = after.effects[0], OUTSIDE[law[0]](JOINT, law[1:])
     assert isinstance(found, Law) and isinstance(true, Law)
     x = np.linspace(0.0, 2.0 * np.pi / TEETH, 50) + 100.0 * RESTS[0]
@@ -405,9 +405,9 @@ def test_what_an_amplifier_loses_is_seen_in_the_torque_it_gives(law: tuple[Any, 
 def test_what_an_amplifier_loses_is_drawn_over_the_torque_it_gives() -> None:
     """But for a share of all: records of one joint do not tell that from more inertia."""
     law = "dead-time", 2e-3, 0.02
-    tried = refitted(bench(*law), declared(*law), [(curves(left(*law))[0], left(*law))], lambda line: None)
+    tried = refitted(bench(*law), declared(*law), [(curves(left(*law))[0], left(*law))])
     after = fitted(bench(*law), Refit.of(tried[0][1]))
-    assert excess(bench(*law), after) < 1.1
+    assert reduced_chi2(bench(*law), after) < 1.1
     t = np.concatenate([motion.of("tau", [JOINT]).ravel() for motion in left(*law).motions["motor"]])
     found, true = after.effects[0], OUTSIDE[law[0]](JOINT, law[1:])
     assert isinstance(found, Law) and isinstance(true, Law)
@@ -450,7 +450,7 @@ def test_dry_friction_that_a_curve_outdoes_is_learned_friction_of_one_height() -
     basis = gravity_basis(d.model, d.campaign.gravity)
     tools = Bench(d.campaign, d.model, basis, d.split, declared_start(d.campaign, d.model, d.responses, basis), 1)
     entries = [replace(entry, gain=1.0), replace(entry, effect=curve, gain=100.0)]
-    found, left_over = drawn_over(tools, both, d.start, named, entries, lambda line: None)
+    found, left_over = drawn_over(tools, both, d.start, named, entries)
     flat = found.effects[0]
     assert (flat.name, flat.port, flat.joint, flat.values) == ("unknown", named.port, named.joint, named.values)
     assert left_over[0].effect is flat and left_over[1] is entries[1]
@@ -498,10 +498,10 @@ def test_a_name_that_a_curve_of_its_variable_outdoes_is_in_its_heights() -> None
     here = [c for c in curves(linearised(named.problem, named.minimum.vector)) if c.effect.port == "motor"]
     both = added(tools, named, next(c.effect for c in here if getattr(c.effect, "variable", "") == "velocity"))
     entries = [replace(diagnosed.diagnosis().added[0], effect=e, gain=1.0) for e in both.effects]
-    found, (entry,) = drawn_over(tools, both, alone, both.effects[0], entries, lambda line: None)
+    found, (entry,) = drawn_over(tools, both, alone, both.effects[0], entries)
     assert [type(e) for e in found.effects] == [type(entry.effect)]
     assert entry.effect.name == "unknown" and entry.gain == 2.0
-    assert excess(tools, found) < 1.1
+    assert reduced_chi2(tools, found) < 1.1
 
 
 @pytest.mark.bench
@@ -516,7 +516,7 @@ def test_a_name_that_curves_outdo_is_drawn_as_a_curve() -> None:
     gains = (start.select - named.select, named.select - both.select)
     entry = diagnosed.diagnosis().added[0]
     entries = [replace(entry, effect=e, gain=gain) for e, gain in zip(both.effects, gains, strict=True)]
-    found, left_over = pruned(tools, both, entries, lambda line: None)
+    found, left_over = pruned(tools, both, entries)
     assert {e.name for e in found.effects} == {"unknown"}
     assert all(any(type(a.effect) is type(e) for a in left_over) for e in found.effects)
     assert found.select < both.select + 100.0

@@ -19,7 +19,7 @@ from ident.effects.hysteresis import Hysteresis
 from ident.effects.memory import Remembering, remembering, stops
 from ident.effects.motion import State
 from ident.minima import told
-from ident.refits import Bench, Refit, excess, first, fitted, linearised
+from ident.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
 from ident.refits import State as Fitted
 from ident.trace import Linearised
 from ident.tried import refitted
@@ -98,7 +98,7 @@ def bench() -> Bench:
 
 @cache
 def declared() -> tuple[Fitted, Linearised]:
-    start = first(bench())
+    start = without_effects(bench())
     return start, linearised(start.problem, start.minimum.vector)
 
 
@@ -107,9 +107,9 @@ def test_a_torque_that_lags_is_drawn_to_the_noise() -> None:
     start, lin = declared()
     likely = curves(lin)[0]
     assert told(likely.effect) == "unknown at joint 2: hysteresis at the motor"
-    ((_, hasty),) = refitted(bench(), start, [(likely, lin)], lambda line: None)
+    ((_, hasty),) = refitted(bench(), start, [(likely, lin)])
     found = fitted(bench(), Refit.of(hasty))
-    assert excess(bench(), found) < 1.1 < 0.1 * excess(bench(), start)
+    assert reduced_chi2(bench(), found) < 1.1 < 0.1 * reduced_chi2(bench(), start)
 
 
 @pytest.mark.parametrize("port", ["motor", "sensor"])

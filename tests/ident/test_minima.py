@@ -16,7 +16,7 @@ from ident.effects.structure import BaseCompliance
 from ident.minima import _closely, _doubted, _plausible, afresh
 from ident.refits import FAINTLY, FINELY, Refit, fitted
 
-BENCH: Any = SimpleNamespace(late=False)
+BENCH: Any = SimpleNamespace(late=False, say=lambda line: None)
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_a_fit_goes_on_while_what_is_left_falls(
         return SimpleNamespace(level=next(levels))
 
     monkeypatch.setattr(ident.minima, "fitted", fit)
-    monkeypatch.setattr(ident.minima, "excess", lambda bench, state: state.level)
+    monkeypatch.setattr(ident.minima, "reduced_chi2", lambda bench, state: state.level)
     monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
     assert _closely(BENCH, Refit(np.zeros(1), (), (), ()), begins).level == falls[times - 1]  # type: ignore[attr-defined]
     assert len(refits) == times
@@ -88,11 +88,11 @@ def test_an_arm_fitted_afresh_that_comes_back_is_not_fitted_closely(
 
     monkeypatch.setattr(ident.minima, "fitted", fit)
     monkeypatch.setattr(ident.minima, "_closely", closely)
-    monkeypatch.setattr(ident.minima, "excess", lambda bench, state: state.select)
+    monkeypatch.setattr(ident.minima, "reduced_chi2", lambda bench, state: state.select)
     monkeypatch.setattr(ident.minima, "as_declared", lambda bench, state: np.zeros(1))
     monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
     state: Any = SimpleNamespace(select=1.5, roughly=FAINTLY, effects=(None,))
-    found = afresh(BENCH, state, lambda line: None)
+    found = afresh(BENCH, state)
     assert found.select == pytest.approx(ends) and len(made) == fits
 
 
@@ -115,7 +115,7 @@ def test_what_a_line_may_hold_is_found_while_the_model_is_doubted(
         return SimpleNamespace(select=doubted)
 
     monkeypatch.setattr(ident.minima, "fitted", fit)
-    monkeypatch.setattr(ident.minima, "excess", lambda bench, state: state.select)
+    monkeypatch.setattr(ident.minima, "reduced_chi2", lambda bench, state: state.select)
     monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
     state: Any = SimpleNamespace(select=left)
     assert _doubted(BENCH, state).select == ends

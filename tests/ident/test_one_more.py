@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 import ident.one_more
+from ident.choice import Tried
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.one_more import _of_two_causes, leading_to_one_more, one_more
@@ -14,27 +15,27 @@ from ident.one_more import _of_two_causes, leading_to_one_more, one_more
 LEFT = 200.0
 
 
-def name(joint: int | None, gain: float, left: float) -> tuple[SimpleNamespace, SimpleNamespace]:
+def name(joint: int | None, gain: float, left: float) -> Tried:
     effect = SimpleNamespace(name="damping", joint=joint)
     candidate = SimpleNamespace(effect=effect, gain=gain, key=joint)
-    return candidate, SimpleNamespace(
-        select=left, effects=(effect,), problem=None, minimum=SimpleNamespace(vector=None), roughly=0.03
-    )
+    minimum = SimpleNamespace(vector=None)
+    state = SimpleNamespace(select=left, effects=(effect,), problem=None, minimum=minimum, roughly=0.03)
+    return Tried(candidate, state)  # type: ignore[arg-type]
 
 
 @pytest.fixture
-def beyond(monkeypatch: pytest.MonkeyPatch) -> list[tuple[SimpleNamespace, SimpleNamespace]]:
+def beyond(monkeypatch: pytest.MonkeyPatch) -> list[Tried]:
     """The names that promise anything beyond a model, as they are once refitted; finely they leave half as much."""
-    names: list[tuple[SimpleNamespace, SimpleNamespace]] = []
-    state_of = {"finer": lambda bench, s, progress: SimpleNamespace(**(vars(s) | {"select": s.select / 2}))}
+    names: list[Tried] = []
+    state_of = {"finer": lambda bench, s: SimpleNamespace(**(vars(s) | {"select": s.select / 2}))}
     stand_ins = state_of | {
-        "excess": lambda bench, state: state.select,
+        "reduced_chi2": lambda bench, state: state.select,
         "plainest": lambda bench, named: min(named, key=lambda one: one[1].select),
         "_of_two_causes": lambda one, other: other.joint not in (None, one.joint),
         "linearised": lambda problem, vector: SimpleNamespace(chi2=LEFT),
         "beyond_noise": lambda state, lin: lin.chi2,
         "catalogue": lambda lin, effects, workers: [candidate for candidate, _ in names],
-        "refitted": lambda bench, state, short, progress: [
+        "refitted": lambda bench, state, short: [
             one for one in names if any(one[0] is candidate for candidate, _ in short)
         ],
     }
@@ -43,7 +44,7 @@ def beyond(monkeypatch: pytest.MonkeyPatch) -> list[tuple[SimpleNamespace, Simpl
     return names
 
 
-BENCH = SimpleNamespace(late=False, workers=1)
+BENCH = SimpleNamespace(late=False, workers=1, say=lambda line: None)
 
 
 @pytest.mark.parametrize(
@@ -51,11 +52,11 @@ BENCH = SimpleNamespace(late=False, workers=1)
     [(4.5, 1.2, True), (4.5, 2.6, False), (200.0, 2.9, True), (200.0, 7.0, False), (2.5, 0.9, False)],
 )
 def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
-    left: float, best: float, does: bool, beyond: list[tuple[SimpleNamespace, SimpleNamespace]]
+    left: float, best: float, does: bool, beyond: list[Tried]
 ) -> None:
     """Of a little any name may leave nothing."""
     beyond += [name(0, 90.0, 150.0), name(1, 80.0, best)]
-    tried = one_more(BENCH, name(2, 0.0, left)[1], lambda line: None)
+    tried = one_more(BENCH, name(2, 0.0, left)[1])
     assert bool(tried) == does
 
 
@@ -73,15 +74,15 @@ def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
     ],
 )
 def test_a_name_leads_to_another_that_leaves_nothing(
-    lead: tuple[SimpleNamespace, SimpleNamespace],
-    other: tuple[SimpleNamespace, SimpleNamespace],
-    second: tuple[SimpleNamespace, SimpleNamespace],
+    lead: Tried,
+    other: Tried,
+    second: Tried,
     found: bool,
-    beyond: list[tuple[SimpleNamespace, SimpleNamespace]],
+    beyond: list[Tried],
 ) -> None:
     beyond.append(second)
     start = name(None, 0.0, LEFT)[1]
-    both = leading_to_one_more(BENCH, start, [other, lead], lambda line: None)
+    both = leading_to_one_more(BENCH, start, [other, lead])
     assert (both is not None) == found
     if both is not None:
         assert both[0].effects == lead[1].effects and both[1] == [second]

@@ -17,7 +17,7 @@ from ident.effects.catalogue import CATALOGUE
 from ident.evidence import evidence, gravity_basis
 from ident.frf import estimate
 from ident.parts import Split
-from ident.refits import CLOSE, FEW_RECORDS, Bench, Refit, _by_all_lines, _few, excess, fitted, standing
+from ident.refits import CLOSE, FEW_RECORDS, Bench, Refit, _by_all_lines, _few, fitted, reduced_chi2, standing
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 
@@ -65,4 +65,4 @@ def test_a_model_without_an_effect_leaves_what_that_explained() -> None:
     vector, limits = np.append(bench().guess.vector(), SCALED.values), ((-0.5, 0.5),)
     state = fitted(bench(), Refit(vector, (SCALED,), (0.1,), limits, 1))
     plain, _ = standing(bench(), state, [])
-    assert not plain.effects and excess(bench(), state) < CLOSE < excess(bench(), plain)
+    assert not plain.effects and reduced_chi2(bench(), state) < CLOSE < reduced_chi2(bench(), plain)

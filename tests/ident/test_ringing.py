@@ -22,7 +22,7 @@ from ident.effects.ringing import Ringing
 from ident.effects.structure import AttachedResonator
 from ident.frf import estimate
 from ident.minima import fully
-from ident.refits import State, excess, linearised, same
+from ident.refits import State, linearised, reduced_chi2, same
 from ident.trials import _drawn
 from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
@@ -86,7 +86,7 @@ def test_a_disc_on_a_motor_is_found_between_lines_and_explains_the_records() -> 
     one, state = begun_with_disc(), with_it()
     (found,) = state.effects
     assert isinstance(found, Ringing) and found.joint == 0
-    assert excess(one.bench, fully(one.bench, state)) < 1.2 < 1e-3 * excess(one.bench, one.start)
+    assert reduced_chi2(one.bench, fully(one.bench, state)) < 1.2 < 1e-3 * reduced_chi2(one.bench, one.start)
     assert found.values == pytest.approx(DISC, rel=0.01)
 
 

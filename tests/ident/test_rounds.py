@@ -26,7 +26,7 @@ from ident.effects.motor import TorqueScale
 from ident.frf import estimate
 from ident.minima import LEAST_GAIN
 from ident.parts import degrees
-from ident.refits import Bench, State, excess, linearised
+from ident.refits import Bench, State, linearised, reduced_chi2
 from ident.rounds import _best, _gaining, _two, _with_second
 from ident.trials import giving
 from ident.tried import again, refitted
@@ -57,24 +57,25 @@ def alone(begun: Begun, name: str) -> Tried:
     declared = linearised(begun.start.problem, begun.bench.guess.vector())
     candidate = best_of(declared, CATALOGUE[name], 2)
     assert candidate is not None
-    (tried,) = refitted(begun.bench, begun.start, [(candidate, declared)], lambda line: None)
+    (tried,) = refitted(begun.bench, begun.start, [(candidate, declared)])
     return tried
 
 
 def test_what_explained_something_before_is_tried_again_as_it_was(begun: Begun) -> None:
     said: list[str] = []
+    bench = replace(begun.bench, say=said.append)
     scaled, rings = alone(begun, SCALE)[1], alone(begun, RINGS)[1]
-    ((candidate, state),) = again(begun.bench, scaled, [rings, rings, scaled], said.append)
+    ((candidate, state),) = again(bench, scaled, [rings, rings, scaled])
     assert [e.name for e in state.effects] == [SCALE, RINGS] and candidate.effect is rings.effects[-1]
-    assert excess(begun.bench, state) < 1.3 < excess(begun.bench, scaled)
-    assert len(said) == 1 and not again(begun.bench, state, [rings], said.append)
+    assert reduced_chi2(bench, state) < 1.3 < reduced_chi2(bench, scaled)
+    assert len(said) == 1 and not again(bench, state, [rings])
 
 
 def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:
     bench, start = begun.bench, begun.start
     lead = alone(begun, RINGS)
     lin = linearised(start.problem, start.minimum.vector)
-    found = _two(bench, start, [lead], lin, start.select, lambda line: None)
+    found = _two(bench, start, [lead], lin)
     assert found is not None
     state, added = found
     assert (
@@ -82,7 +83,7 @@ def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:
         == [(RINGS, 2), (SCALE, 2)]
         == [(a.effect.name, a.effect.joint) for a in added]
     )
-    assert excess(bench, state) < 1.1
+    assert reduced_chi2(bench, state) < 1.1
     assert state.effects[0]["inertia"] == pytest.approx(7e-4, rel=0.02)
     assert state.effects[1]["error"] == pytest.approx(-0.04, rel=0.03)
 
@@ -90,8 +91,8 @@ def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:
 @pytest.mark.parametrize("names", [False, True])
 def test_no_second_effect_is_looked_for_once_it_is_late(names: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything was tried beside the first, or once `names` were."""
-    bench: Any = SimpleNamespace(late=not names)
     asked: list[str] = []
+    bench: Any = SimpleNamespace(late=not names, say=asked.append)
 
     def likely(*of: object) -> list[Tried]:
         bench.late = True
@@ -104,10 +105,10 @@ def test_no_second_effect_is_looked_for_once_it_is_late(names: bool, monkeypatch
     monkeypatch.setattr(ident.rounds, "linearised", lambda *of: asked.append("linearised"))
     monkeypatch.setattr(ident.rounds, "likely_names", likely)
     monkeypatch.setattr(ident.rounds, "hasty", lambda *of: pytest.fail("looked for"))
-    tried: Any = [(SimpleNamespace(effect=nothing.effects[0], key="rubs"), nothing)]
-    assert _with_second(bench, nothing, nothing, (), tried, nothing, 0.0, asked.append) is None
+    tried: Any = [Tried(SimpleNamespace(effect=nothing.effects[0], key="rubs"), nothing)]  # type: ignore[arg-type]
+    assert _with_second(bench, nothing, nothing, (), tried, nothing) is None
     assert asked == ["linearised", "names"] * names
-    assert _two(bench, nothing, tried, nothing, 0.0, asked.append) is None and len(asked) == 2 * names
+    assert _two(bench, nothing, tried, nothing) is None and len(asked) == 2 * names
 
 
 @pytest.mark.bench
@@ -117,9 +118,9 @@ def test_an_effect_to_which_another_only_led_is_added_alone(begun: Begun) -> Non
     lin = linearised(state.problem, state.minimum.vector)
     candidate = best_of(lin, CATALOGUE["time-offset"], 1)
     assert candidate is not None
-    ((_, lead),) = refitted(bench, state, [(candidate, lin)], lambda line: None)
+    ((_, lead),) = refitted(bench, state, [(candidate, lin)])
     lead = replace(lead, minimum=replace(lead.minimum, chi2=0.5 * state.minimum.chi2))
-    found = _two(bench, state, [(candidate, lead)], lin, begun.start.select, lambda line: None)
+    found = _two(bench, state, [Tried(candidate, lead)], lin)
     assert found is not None
     assert [e.name for e in found[0].effects] == [RINGS, SCALE] and [a.effect.name for a in found[1]] == [SCALE]
 
@@ -128,11 +129,11 @@ def test_nothing_is_pursued_that_leaves_more_where_records_that_fit_let_the_arm_
     begun: Begun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     candidate, state = alone(begun, RINGS)
-    tried = [(candidate, replace(state, select=2.0 * begun.start.select))]
+    tried = [Tried(candidate, replace(state, select=2.0 * begun.start.select))]
     monkeypatch.setattr(ident.rounds, "polished", lambda *of: pytest.fail("pursued"))
     start = begun.start
     lin = linearised(start.problem, start.minimum.vector)
-    found = _best(begun.bench, start, lin, start.select, lambda line: None, [], [tried], bends=True)
+    found = _best(begun.bench, start, lin, [], [tried], bends=True)
     assert found == (None, tried)
 
 
@@ -148,7 +149,7 @@ def test_a_little_is_pursued_by_what_leaves_less_as_roughly_fitted(
         return replace(state, select=state.select + gain)
 
     monkeypatch.setattr(ident.rounds, "without", without)
-    assert _gaining(begun.bench, [(candidate, state)]) == pursued and roughly == [state.roughly]
+    assert _gaining(begun.bench, [Tried(candidate, state)]) == pursued and roughly == [state.roughly]
     assert not _gaining(begun.bench, [])
 
 
@@ -178,7 +179,7 @@ def test_what_gives_is_tried_beside_all_else_that_gives_there(begun: Begun) -> N
     rings = alone(begun, RINGS)
 
     def others(one: Tried, tried: list[Tried]) -> list[Tried]:
-        return giving(begun.bench, begun.start, lin, one, tried, lambda line: None)
+        return giving(begun.bench, begun.start, lin, one, tried)
 
     found = others(rings, [rings])
     names = {candidate.effect.name for candidate, _ in found}
@@ -193,7 +194,7 @@ def test_none_leads_that_hardly_explains_the_records_that_fit(begun: Begun) -> N
     lead = alone(begun, RINGS)
     weak = replace(lead[1], minimum=replace(lead[1].minimum, chi2=0.9 * start.minimum.chi2))
     lin = linearised(start.problem, start.minimum.vector)
-    assert _two(begun.bench, start, [(lead[0], weak)], lin, start.select, lambda line: None) is None
+    assert _two(begun.bench, start, [lead.refitted(weak)], lin) is None
 
 
 @pytest.mark.parametrize(("at_minimum", "name"), [(1.0, RINGS), (2000.0, "unknown")])
@@ -204,14 +205,14 @@ def test_a_curve_is_taken_only_where_no_name_does_as_well_at_its_minimum(
     bench, (candidate, state) = begun.bench, alone(begun, RINGS)
     dof = degrees(bench.split.select)
     curve = learned("link", "velocity", [-1.0, 1.0])(2, (-0.1, 0.1))
-    named = candidate, replace(state, select=1000.0 * dof)
-    drawn = Candidate(curve, 0.0, (1.0, 1.0)), replace(state, effects=(curve,), select=0.99 * dof)
+    named = Tried(candidate, replace(state, select=1000.0 * dof))
+    drawn = Tried(Candidate(curve, 0.0, (1.0, 1.0)), replace(state, effects=(curve,), select=0.99 * dof))
     tried = [named, drawn]
-    monkeypatch.setattr(ident.rounds, "polished", lambda bench, tried, first, progress: tried)
+    monkeypatch.setattr(ident.rounds, "polished", lambda bench, tried: tried)
     monkeypatch.setattr(
         ident.rounds, "fully", lambda bench, s: s if s is drawn[1] else replace(s, select=at_minimum * dof)
     )
     lin = linearised(begun.start.problem, begun.start.minimum.vector)
     much = 5000.0 * dof
-    best, _ = _best(bench, replace(begun.start, select=much), lin, much, lambda line: None, [], [tried])
+    best, _ = _best(replace(bench, at_first=much), replace(begun.start, select=much), lin, [], [tried])
     assert best is not None and best[0].effect.name == name

@@ -18,7 +18,7 @@ from ident.diagnose import Begun, begin
 from ident.effects.catalogue import parse
 from ident.effects.structure import BaseCompliance, LinkFlexibility, LockedJointElasticity
 from ident.frf import estimate
-from ident.refits import Refit, excess, fitted, linearised
+from ident.refits import Refit, fitted, linearised, reduced_chi2
 from ident.shapes import bending
 from ident.trials import _bending
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
@@ -71,10 +71,10 @@ def test_a_last_link_that_bends_is_found_though_it_promises_nothing() -> None:
     bench, start = begun().bench, begun().start
     lin = linearised(start.problem, start.minimum.vector)
     promised = [(c.effect.name, c.effect.joint) for c in catalogue(lin, ())[:6]]
-    assert excess(bench, start) > 3.0 and ("link-flexibility", 2) not in promised
+    assert reduced_chi2(bench, start) > 3.0 and ("link-flexibility", 2) not in promised
     best = min(_bending(bench, start, lin, print), key=lambda one: one[1].select)
     assert (best[0].effect.name, best[0].effect.joint) == ("link-flexibility", 2)
-    assert excess(bench, fitted(bench, Refit.of(best[1]))) < 1.0
+    assert reduced_chi2(bench, fitted(bench, Refit.of(best[1]))) < 1.0
 
 
 def test_a_lock_that_gives_is_tried_at_every_joint_that_one_holds_in_some_record() -> None:

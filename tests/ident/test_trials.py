@@ -16,7 +16,7 @@ import ident.naming
 import ident.trials
 import ident.tried
 from ident.candidates import Candidate
-from ident.choice import drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
+from ident.choice import Tried, drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.creeping import creeping
@@ -33,7 +33,7 @@ from ident.tried import by_few_lines, refitted
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
-BENCH: Any = SimpleNamespace(late=False)
+BENCH: Any = SimpleNamespace(late=False, say=lambda line: None)
 LOADED, SLIDING, PLACE = (
     learned("link", name, [-1.0, 0.0, 1.0])(1, (0.1, 0.1, 0.1)) for name in ("loaded", "sliding", "friction")
 )
@@ -47,25 +47,30 @@ def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (ident.choice, ident.finer, ident.trials, ident.naming):
         monkeypatch.setattr(module, "degrees", lambda data: DOF)
     for module in (ident.choice, ident.finer, ident.trials, ident.tried, ident.naming, ident.minima):
-        monkeypatch.setattr(module, "excess", lambda bench, state: state.select / DOF)
+        monkeypatch.setattr(module, "reduced_chi2", lambda bench, state: state.select / DOF)
 
 
 def one(effect: Effect, level: float, roughly: float = HASTILY) -> Any:
     state = SimpleNamespace(select=level * DOF, effects=(effect,), roughly=roughly)
-    return SimpleNamespace(effect=effect, key=(effect.name, effect.joint, effect.port)), state
+    return Tried(SimpleNamespace(effect=effect, key=(effect.name, effect.joint, effect.port)), state)  # type: ignore[arg-type]
+
+
+def where(first: float) -> Any:
+    """The bench of records of which the arm without effects leaves so much."""
+    return SimpleNamespace(**vars(BENCH) | {"at_first": first * DOF})
 
 
 def test_none_leads_that_leaves_more_than_there_is_without_it() -> None:
     tried = [one(DRY, 260.0), one(MotorCoulomb(1, (0.1,)), 6e4)]
-    assert law_leads(tried, 1000.0 * DOF) and ahead(BENCH, tried, 1000.0 * DOF) is tried[0]
-    assert not law_leads(tried, 128.0 * DOF) and ahead(BENCH, tried, 128.0 * DOF) is None
+    assert law_leads(where(1000.0), tried) and ahead(where(1000.0), tried) is tried[0]
+    assert not law_leads(where(128.0), tried) and ahead(where(128.0), tried) is None
 
 
 def test_no_name_is_fitted_finely_behind_a_mass_that_rings_and_is_far_ahead() -> None:
     ring, name = one(Ringing(0, (4e-6, 55.0, 1e-4)), 13.0), one(AttachedResonator(1, (0.1, 30.0, 0.0)), 6000.0)
-    assert rings_ahead([name, ring]) and _finalists(BENCH, [name, ring], 1e4 * DOF) == [ring]
+    assert rings_ahead([name, ring]) and _finalists(where(1e4), [name, ring]) == [ring]
     near = one(AttachedResonator(1, (0.1, 30.0, 0.0)), 400.0)
-    assert not rings_ahead([near, ring]) and near in _finalists(BENCH, [near, ring], 1e4 * DOF)
+    assert not rings_ahead([near, ring]) and near in _finalists(where(1e4), [near, ring])
     assert not rings_ahead([name, one(CURVE, 13.0)]) and not rings_ahead([ring]) and not rings_ahead([])
 
 
@@ -90,7 +95,7 @@ def test_a_name_that_falls_to_where_a_curve_is_goes_on(
 
     monkeypatch.setattr(ident.finer, "all_fitted", fitted)
     monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
-    found = finely(BENCH, [one(HARD, begin), one(CURVE, 77.0)], lambda line: None)
+    found = finely(BENCH, [one(HARD, begin), one(CURVE, 77.0)])
     assert len(rounds) == times and len(found) == 2
     assert rounds[1:] == [[HARD.name]] * (times - 1)
 
@@ -105,7 +110,7 @@ def test_what_is_fitted_finely_is_not_again(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(ident.finer, "all_fitted", fitted)
     monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     already = one(HARD, 1.5, FINELY)
-    found = finely(BENCH, [already, one(CURVE, 77.0)], lambda line: None)
+    found = finely(BENCH, [already, one(CURVE, 77.0)])
     assert again == [CURVE] and found[0] is already and len(found) == 2
 
 
@@ -116,7 +121,7 @@ def test_a_name_that_leads_but_not_far_ahead_is_fitted_finely(
     """It leaves so much where another leaves 100: one far ahead is fitted further anyway, one that hardly leads may be another."""
     monkeypatch.setattr(ident.finer, "fitted", lambda bench, effect: one(effect, 1.2)[1])
     monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
-    found = leader_finely(BENCH, [one(DRY, 100.0), one(HARD, leads)], lambda line: None)
+    found = leader_finely(BENCH, [one(DRY, 100.0), one(HARD, leads)])
     assert [state.select for _, state in found] == [100.0 * DOF, finer * DOF]
 
 
@@ -126,11 +131,11 @@ def test_what_rings_and_leaves_all_there_was_is_tried_at_other_frequencies(
 ) -> None:
     """Where it promises most of all and none of it came true: a sharp mode between two lines."""
     rings, rubs = AttachedResonator(1, (2e-3, 11.0, 2e-4)), Candidate(DRY, 500.0, (1.0,))
-    tried = [(Candidate(rings, promised, (1.0,) * 3), one(rings, left)[1]), (rubs, one(DRY, 66.0)[1])]
+    tried = [Tried(Candidate(rings, promised, (1.0,) * 3), one(rings, left)[1]), Tried(rubs, one(DRY, 66.0)[1])]
     short: list[Candidate] = []
-    monkeypatch.setattr(ident.trials, "by_few_lines", lambda bench, state, lin, likely, _: short.extend(likely) or [])
+    monkeypatch.setattr(ident.trials, "by_few_lines", lambda bench, state, lin, likely: short.extend(likely) or [])
     lin: Any = None
-    _ringing(BENCH, one(DRY, 66.0)[1], lin, tried, lambda line: None)  # type: ignore[arg-type]
+    _ringing(BENCH, one(DRY, 66.0)[1], lin, tried)  # type: ignore[arg-type]
     assert len(short) == tries
     f = sorted([11.0] * bool(short) + [candidate.effect["frequency"] for candidate in short])
     assert not f or (f[0] < 11.0 / 1.2 and f[-1] > 1.2 * 11.0 and max(b / a for a, b in pairwise(f)) < 1.05)
@@ -147,20 +152,20 @@ def test_what_promises_much_less_than_what_leaves_nothing_is_not_tried(
     short = [(SimpleNamespace(effect=e, gain=gain), None) for e, gain in zip(names, promised, strict=True)]
     monkeypatch.setattr(ident.tried, "with_candidate", lambda state, candidate, origin: candidate.effect)
     monkeypatch.setattr(ident.tried, "all_fitted", lambda bench, refits: (one(e, levels[e])[1] for e in refits))
-    found = refitted(BENCH, one(DRY, 30.0)[1], short, lambda line: None)  # type: ignore[arg-type]
+    found = refitted(BENCH, one(DRY, 30.0)[1], short)  # type: ignore[arg-type]
     assert [candidate.effect for candidate, _ in found] == names[: last + 1]
 
 
 def test_no_finalist_is_far_behind_the_best() -> None:
     tried = [one(DRY, 30.0), one(HARD, 310.0), one(WAVE, 290.0), one(MotorCoulomb(1, (0.1,)), 500.0), one(CURVE, 299.0)]
-    assert _finalists(BENCH, tried, 1000.0 * DOF) == [tried[0], tried[2], tried[4]]
+    assert _finalists(where(1000.0), tried) == [tried[0], tried[2], tried[4]]
 
 
 def test_dry_friction_that_curves_draw_alike_in_haste_is_fitted_finely_by_each() -> None:
     """A name leads; a curve that is not dry is as good finely as in haste."""
     tried = [one(DRY, 77.0), one(LOADED, 326.0), one(PLACE, 333.0), one(CURVE, 340.0), one(SLIDING, 700.0)]
-    assert _finalists(BENCH, tried, 1000.0 * DOF) == tried[:3]
-    assert _finalists(BENCH, tried[1:], 1000.0 * DOF) == tried[1:3]
+    assert _finalists(where(1000.0), tried) == tried[:3]
+    assert _finalists(where(1000.0), tried[1:]) == tried[1:3]
 
 
 @pytest.mark.parametrize(("as_good", "levels"), [(180.0, [25.0, 30.0, 0.9]), (310.0, [25.0, 30.0, 310.0])])
@@ -171,7 +176,7 @@ def test_where_a_curve_leads_all_that_rubs_as_well_in_haste_is_fitted_finely(
     monkeypatch.setattr(ident.finer, "fitted", lambda bench, effect: one(effect, finer[effect], FINELY)[1])
     monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     tried = [one(LOADED, 100.0), one(SLIDING, 150.0), one(PLACE, as_good), one(DRY, 500.0)]
-    found = curve_finely(BENCH, tried, lambda line: None)
+    found = curve_finely(BENCH, tried)
     assert [state.select / DOF for _, state in found] == [*levels, 500.0]
 
 
@@ -188,16 +193,14 @@ def test_nothing_is_refitted_any_more_once_it_is_late(fits: int, monkeypatch: py
 
     names = [DRY, WAVE, HARD]
     short: Any = [(SimpleNamespace(effect=e, gain=500.0), None) for e in names]
-    bench: Any = SimpleNamespace(late=fits == 0)
+    bench: Any = SimpleNamespace(late=fits == 0, say=BENCH.say)
     monkeypatch.setattr(ident.tried, "with_candidate", lambda state, candidate, origin: candidate.effect)
     monkeypatch.setattr(ident.tried, "all_fitted", fitted)
-    found = refitted(bench, one(DRY, 30.0)[1], short, lambda line: None)
+    found = refitted(bench, one(DRY, 30.0)[1], short)
     assert [candidate.effect for candidate, _ in found] == names[:fits] == begun
     nothing: Any = None
-    assert bench.late and by_few_lines(bench, nothing, nothing, [c for c, _ in short], lambda line: None) == []
-    assert (
-        polished(bench, tried := [one(CURVE, 100.0)], 1000.0 * DOF, lambda line: None) == tried and len(begun) == fits
-    )
+    assert bench.late and by_few_lines(bench, nothing, nothing, [c for c, _ in short]) == []
+    assert polished(bench, tried := [one(CURVE, 100.0)]) == tried and len(begun) == fits
 
 
 @pytest.mark.parametrize(("promised", "best"), [(1100.0, TransmissionError), (100.0, LinkCoulomb)])
@@ -211,8 +214,8 @@ def test_what_promised_most_is_fitted_with_another_whole_number(
         candidate.gain = gain
     for module in (ident.finer, ident.trials):
         monkeypatch.setattr(module, "all_fitted", lambda bench, refits: [])
-    monkeypatch.setattr(ident.trials, "_other_whole", lambda bench, state, progress: one(first, 0.94)[1])
-    found = polished(BENCH, tried, 1.34 * DOF, lambda line: None)
+    monkeypatch.setattr(ident.trials, "_other_whole", lambda bench, state: one(first, 0.94)[1])
+    found = polished(where(1.34), tried)
     assert type(min(found, key=lambda pair: pair[1].select)[1].effects[-1]) is best
 
 
@@ -230,12 +233,10 @@ def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
     monkeypatch.setattr(ident.naming, "standing", lambda bench, state, keep: (plain, None))
     monkeypatch.setattr(ident.naming, "beyond_noise", lambda state, lin: 100.0)
     monkeypatch.setattr(ident.naming, "catalogue", lambda *of, at: [likely[0], unlikely[0]])
-    monkeypatch.setattr(
-        ident.naming, "refitted", lambda bench, state, short, _: [refits[c.effect.name] for c, _ in short]
-    )
+    monkeypatch.setattr(ident.naming, "refitted", lambda bench, state, short: [refits[c.effect.name] for c, _ in short])
     monkeypatch.setattr(ident.naming, "fully", lambda bench, state: state)
     monkeypatch.setattr(ident.choice, "degrees", lambda data: DOF)
-    assert type(plainer(BENCH, found, lambda line: None)[0].effect) is best
+    assert type(plainer(BENCH, found)[0].effect) is best
 
 
 def test_what_is_fitted_aside_counts_for_nobody() -> None:
@@ -270,13 +271,13 @@ def test_a_wave_that_is_not_whole_in_a_turn_of_the_motor_has_no_name(
     monkeypatch.setattr(ident.naming, "wave", lambda lin, port, *of: Candidate(CURVE, promises[port], ()))
     likely = []
 
-    def refitted(bench: Any, state: Any, short: Any, progress: Any) -> Any:
+    def refitted(bench: Any, state: Any, short: Any) -> Any:
         likely.extend(candidate.gain for candidate, _ in short)
         return [one(CURVE, hastily) for _ in short]
 
     monkeypatch.setattr(ident.naming, "refitted", refitted)
     monkeypatch.setattr(ident.naming, "fully", lambda bench, state: one(CURVE, fully)[1])
-    assert (of_any_order(BENCH, found, lambda line: None) is found) == is_named
+    assert (of_any_order(BENCH, found) is found) == is_named
     assert set(likely) <= {900.0}, "what promises nothing is not tried"
 
 
@@ -311,17 +312,17 @@ def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:
 
 def test_a_law_is_ahead_of_others_whatever_else_it_was_tried_with() -> None:
     tried = [one(HARD, 29.0), one(SpringHardening(1, (2e7,)), 220.0), one(DRY, 900.0)]
-    assert ahead(BENCH, tried, 1000.0 * DOF) is tried[0]
-    assert ahead(BENCH, [*tried, one(WAVE, 280.0)], 1000.0 * DOF) is None
-    assert ahead(BENCH, tried[:2], 1000.0 * DOF) is None, "nothing else was tried"
+    assert ahead(where(1000.0), tried) is tried[0]
+    assert ahead(where(1000.0), [*tried, one(WAVE, 280.0)]) is None
+    assert ahead(where(1000.0), tried[:2]) is None, "nothing else was tried"
 
 
 @pytest.mark.parametrize(("left", "shines"), [(5.0, True), (20.0, False)])
 def test_a_law_far_ahead_that_leaves_little_is_not_measured_by_curves(left: float, shines: bool) -> None:
-    first = 300.0 * DOF
+    bench = where(300.0)
     leader = one(DRY, left)
-    assert outshines(BENCH, leader, [leader, one(HARD, 800.0)], first) == shines
-    assert not outshines(BENCH, leader, [leader, one(HARD, 30.0)], first), "not far ahead"
+    assert outshines(bench, leader, [leader, one(HARD, 800.0)]) == shines
+    assert not outshines(bench, leader, [leader, one(HARD, 30.0)]), "not far ahead"
     impedance = one(AttachedResonator(1, (1e-3, 20.0, 1e-4)), left)
-    assert outshines(BENCH, impedance, [impedance, one(HARD, 800.0)], first)
-    assert not outshines(BENCH, impedance, [impedance, one(HARD, 100.0)], first), "no curve does what it does"
+    assert outshines(bench, impedance, [impedance, one(HARD, 800.0)])
+    assert not outshines(bench, impedance, [impedance, one(HARD, 100.0)]), "no curve does what it does"

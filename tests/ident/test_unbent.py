@@ -12,7 +12,7 @@ from ident.bench import simulate
 from ident.diagnose import Begun, begin
 from ident.effects.catalogue import parse
 from ident.frf import estimate
-from ident.refits import excess
+from ident.refits import reduced_chi2
 from ident.unbent import DOUBTED, unbent
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
@@ -38,9 +38,9 @@ def test_what_bends_the_arm_at_one_joint_is_left_out_with_its_records(joint: int
     found, said = begun(f"spring-hardening:cubic=3e9@joint{joint + 1}", times=times), list[str]()
     bench, start, n = found.bench, found.start, CHAIN.n
     off = replace(bench, guess=replace(bench.guess, K=bench.guess.K * [1.1, 0.9, 1.05]))  # what is declared is not so
-    better = unbent(off, start, said.append)
+    better = unbent(replace(off, say=said.append), start)
     others = [k for k in range(n) if k != joint]
-    assert excess(bench, start) > 100.0 and f"without records of joint {joint + 1}" in said[0]
+    assert reduced_chi2(bench, start) > 100.0 and f"without records of joint {joint + 1}" in said[0]
     assert np.abs(better.guess.K[others] / bench.guess.K[others] - 1.0).max() < 0.02
     assert abs(np.log(better.guess.K[joint] / off.guess.K[joint])) <= DOUBTED
     assert (
@@ -59,4 +59,4 @@ def test_what_bends_the_arm_at_one_joint_is_left_out_with_its_records(joint: int
 )
 def test_an_arm_that_nothing_bends_or_something_everywhere_stays_as_declared(effects: tuple[str, ...]) -> None:
     found = begun(*effects)
-    assert unbent(found.bench, found.start, lambda line: None) is found.bench
+    assert unbent(found.bench, found.start) is found.bench
