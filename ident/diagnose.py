@@ -58,6 +58,7 @@ from ident.rest import (
 from ident.rounds import another
 from ident.trials import BENT, explains
 from ident.unbent import unbent
+from ident.whole_numbers import each_otherwise
 from symgen.plan import Model
 
 #: Rounds at most; each adds an effect, or more at once.
@@ -334,4 +335,4 @@ def _loop(
         if not (bench.late or explains(bench, state)):
             new = elsewhere(bench, state, effect)
             state, added = new, renewed(state, new, added)
-    return state, added
+    return each_otherwise(bench, state), added

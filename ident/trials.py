@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.candidates import Candidate, best_of, catalogue, larger, nearer, of_kinds, otherwise
+from ident.candidates import Candidate, best_of, catalogue, larger, nearer, of_kinds
 from ident.choice import (
     AHEAD,
     LEAST_SHARE,
@@ -34,20 +34,17 @@ from ident.refits import (
     FULLY,
     NAMED,
     Bench,
-    Refit,
     State,
     all_fitted,
     beyond_noise,
-    but_last,
-    fitted,
     linearised,
     reduced_chi2,
     same,
-    standing,
 )
 from ident.shapes import bending, only_shapes, ringing
 from ident.trace import Linearised
 from ident.tried import by_few_lines, refitted, with_candidate
+from ident.whole_numbers import last_otherwise, otherwise_if_left
 from symgen.forked import forked
 
 #: Candidates of the catalogue refitted in each round (least and most), and learned curves.
@@ -207,7 +204,7 @@ def _nearest_finely(bench: Bench, tried: list[Tried]) -> list[Tried]:
     best = min(tried, key=left_by, default=None)
     if best is None or not NAMED < reduced_chi2(bench, best.state) <= CLOSE**2:
         return tried
-    state = _otherwise(bench, finer(bench, best.state))
+    state = otherwise_if_left(bench, finer(bench, best.state))
     return [one.refitted(state) if one is best else one for one in tried]
 
 
@@ -299,7 +296,7 @@ def outshines(bench: Bench, one: Tried, tried: Sequence[Tried]) -> bool:
 
 def at_minimum(bench: Bench, one: Tried) -> Tried:
     """A candidate that is far ahead, at its minimum."""
-    state = fully(bench, wound_up(bench, _otherwise(bench, one.state)))
+    state = fully(bench, wound_up(bench, otherwise_if_left(bench, one.state)))
     if winds_up(state.effects[-1]) and reduced_chi2(bench, state) > NAMED and not bench.late:
         state = afresh(bench, state)
     bench.say(f"  far ahead, {told(state.effects[-1])}: {reduced_chi2(bench, state):.4g}")
@@ -335,12 +332,12 @@ def polished(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     if not named:
         return found
     best_name, likeliest = named[0], max(named, key=lambda one: one.candidate.gain)
-    if likeliest is not best_name and (other := _other_whole(bench, likeliest.state)) is not likeliest.state:
+    if likeliest is not best_name and (other := last_otherwise(bench, likeliest.state)) is not likeliest.state:
         found = [one.refitted(other) if one is likeliest else one for one in found]
         best_name = best_names(found)[0]
     if drawn_whole(bench, found):
         return found
-    better = wound_up(bench, _otherwise(bench, best_name.state))
+    better = wound_up(bench, otherwise_if_left(bench, best_name.state))
     far = not explains(bench, better) or (winds_up(better.effects[-1]) and reduced_chi2(bench, better) > NAMED)
     curve = min((left_by(one) for one in found if is_curve(one)), default=np.inf)
     if far and not bench.late and curve > UNLIKELY * better.select:
@@ -366,24 +363,3 @@ def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     if law_leads(bench, tried):
         return named[:1] + drawn
     return named[:1] + [one for one in named[1:FINALISTS] + drawn if UNLIKELY * left_by(one) <= left_by(named[0])]
-
-
-def _otherwise(bench: Bench, state: State) -> State:
-    """The model, or a better one whose last effect has another whole number, of turns or of a record: what was missing bent the
-    arm from which it was read."""
-    return state if bench.late or reduced_chi2(bench, state) < NAMED else _other_whole(bench, state)
-
-
-def _other_whole(bench: Bench, state: State) -> State:
-    """The model, or a better one whose last effect has another whole number."""
-    effect = state.effects[-1]
-    if not any(p.whole for p in effect.parameters):
-        return state
-    plain, lin = standing(bench, state, but_last(state))
-    refits = [with_candidate(plain, candidate, lin) for candidate in otherwise(lin, effect)]
-    best = min(all_fitted(bench, refits), key=lambda other: other.select, default=state)
-    if best.select >= state.select:
-        return state
-    best = fitted(bench, Refit.of(best))
-    bench.say(f"  otherwise, {told(best.effects[-1])}: {reduced_chi2(bench, best):.4g}")
-    return best if best.select < state.select else state

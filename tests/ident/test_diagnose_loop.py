@@ -185,7 +185,7 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
 ) -> None:
     """By stand-ins: a model is what it leaves, per degree of freedom."""
     start, bent, straight = (
-        SimpleNamespace(select=left, left=left, effects=(SimpleNamespace(name="link-viscous"),))
+        SimpleNamespace(select=left, left=left, effects=(SimpleNamespace(name="link-viscous", parameters=()),))
         for left in (9.0, 5.0, 1.0)
     )
     asked: list[State] = []

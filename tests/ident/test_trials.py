@@ -15,6 +15,7 @@ import ident.minima
 import ident.naming
 import ident.trials
 import ident.tried
+import ident.whole_numbers
 from ident.candidates import Candidate
 from ident.choice import Tried, drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
 from ident.effects.base import Effect
@@ -46,7 +47,15 @@ def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
     BENCH.split = SimpleNamespace(select=())
     for module in (ident.choice, ident.finer, ident.trials, ident.naming):
         monkeypatch.setattr(module, "degrees", lambda data: DOF)
-    for module in (ident.choice, ident.finer, ident.trials, ident.tried, ident.naming, ident.minima):
+    for module in (
+        ident.choice,
+        ident.finer,
+        ident.trials,
+        ident.tried,
+        ident.naming,
+        ident.minima,
+        ident.whole_numbers,
+    ):
         monkeypatch.setattr(module, "reduced_chi2", lambda bench, state: state.select / DOF)
 
 
@@ -214,7 +223,8 @@ def test_what_promised_most_is_fitted_with_another_whole_number(
         candidate.gain = gain
     for module in (ident.finer, ident.trials):
         monkeypatch.setattr(module, "all_fitted", lambda bench, refits: [])
-    monkeypatch.setattr(ident.trials, "_other_whole", lambda bench, state: one(first, 0.94)[1])
+    for module in (ident.trials, ident.whole_numbers):
+        monkeypatch.setattr(module, "last_otherwise", lambda bench, state: one(first, 0.94)[1])
     found = polished(where(1.34), tried)
     assert type(min(found, key=lambda pair: pair[1].select)[1].effects[-1]) is best
 
