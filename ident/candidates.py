@@ -58,7 +58,7 @@ def units(lin: Linearised, effect: type[Effect], joint: int | None) -> tuple[flo
     and for one that turns whatever its joint does at a slide."""
     chain = lin.problem.data[0].scene.chain
     joints = list(range(lin.problem.n))
-    turning = [j for j in joints if chain is None or not chain.slides(j)] or joints
+    turning = [j for j in joints if not chain.slides(j)] or joints
     at = turning if joint is None or (effect.turns and joint not in turning) else [joint]
     every = [[scale(p.relative, _sizes(lin, effect.port, j)) for p in effect.parameters] for j in at]
     return tuple(np.max(every, axis=0).tolist()) if every[0] else ()

@@ -53,10 +53,10 @@ class Scene:
     posture: Array
     N: Array
     beyond: tuple[NDArray[np.int64], Complex, Complex]
+    chain: Chain
+    gravity: Array
     slopes: Slopes | None = None
     kept: Array | None = None
-    chain: Chain | None = None
-    gravity: Array | None = None
     oversampled: int = OVERSAMPLED
 
     @cached_property

@@ -71,15 +71,15 @@ def scale(relative: str, scales: Mapping[str, float]) -> float:
 class Known:
     """What is known of the arm where an effect is put: n joints, `N`, `K` [n], J [n, n] at the record's `posture` [n]; rows of J of joints
     that are clamped, motor and link, are zero. `chain` the declared links: where the structure of the arm gives, geometry says who feels
-    it; without it such an effect is felt by its own joint only. `gravity` [3, m/s2, base axes]. `beside` are other effects that give
+    it. `gravity` [3, m/s2, base axes]. `beside` are other effects that give
     there."""
 
     N: Array
     K: Array
     J: Array
     posture: Array
-    chain: Chain | None = None
-    gravity: Array | None = None
+    chain: Chain
+    gravity: Array
     beside: tuple[Effect, ...] = ()
 
 

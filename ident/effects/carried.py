@@ -37,8 +37,6 @@ class Carrying(Effect):
         return super().impedance(s, arm if isinstance(self, Giving) else self.carried(arm))
 
     def carried(self, arm: Known) -> Known:
-        if arm.chain is None:
-            return arm
         off = self.values[-self.directions.shape[1] :]
         declared, found = self.recent.get(off, (None, None))
         if declared is not arm.chain or found is None:
@@ -74,7 +72,6 @@ def shown(effect: Effect, s: Complex, arms: Sequence[Known], symmetric: bool) ->
     """Directions [10 n, k] in which links may be off, standard deviations each, and that `effect` shows at `s` [S] in one of `arms`, clearest
     first. Where links are `symmetric`, what is zero stays so."""
     chain = arms[0].chain
-    assert chain is not None
     off = _ways_off(chain, symmetric)
     step = 0.01
 

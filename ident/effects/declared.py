@@ -114,8 +114,6 @@ class GravityStiffness(Effect):
 
     def impedance(self, s: Complex, arm: Known) -> Complex | None:
         """What the declared links weigh more in a tilted base; how strong gravity is, the fitted arm tells by itself."""
-        if arm.chain is None or arm.gravity is None:
-            return None
         now, untilted = self._pulls(arm.gravity), (1.0 + self["share"]) * arm.gravity
         n = len(arm.N)
         result = np.zeros((len(s), 2 * n, 2 * n), dtype=complex)

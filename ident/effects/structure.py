@@ -33,7 +33,7 @@ class Freedom:
 
     sprung: Sprung
     motion: Array
-    chain: Chain | None
+    chain: Chain
     link: int
     at: int
     share: float = 1.0
@@ -47,14 +47,10 @@ class Freedom:
         """The inertia and the stiffness of gravity [k, far's k] between these motions and those of another one farther from the
         base: both move what that moves. Of links that one of them found to be off, they are those."""
         chain = self.chain if far.chain is arm.chain else far.chain
-        if chain is None:
-            nothing = np.zeros((len(self.motion), len(far.motion)))
-            return nothing, nothing
         _, moved = coupling(chain, arm.posture, np.eye(6), far.link, far.share)
         momentum = moved @ far.motion.T
         inertia = self.motion @ momentum if self.joint is None else far.sprung.coupling[:, [self.joint]].T
-        gravity = np.zeros(3) if arm.gravity is None else arm.gravity
-        return inertia, self.motion[:, 3:] @ skew(gravity) @ momentum[:3]
+        return inertia, self.motion[:, 3:] @ skew(arm.gravity) @ momentum[:3]
 
     def turning(self, disc: Freedom) -> Array:
         """How far each of these motions [k] turns a disc about its axis."""
@@ -117,9 +113,9 @@ class Giving(Effect):
         """Those of it and of all that is `beside` it, together: inertia and weight of what they carry change and push them, and what
         moves them pushes the links."""
         found = _found(arm, (*arm.beside, self))
-        if arm.chain is None or all(one.at == _DISC for _, one in found):
+        if all(one.at == _DISC for _, one in found):
             return None
-        off = (one.chain for _, one in reversed(found) if one.chain is not None and one.chain is not arm.chain)
+        off = (one.chain for _, one in reversed(found) if one.chain is not arm.chain)
         chain, places = next(off, arm.chain), [one.link for _, one in found]
         if any(one.at != _AT_JOINT for _, one in found):  # else joints that the arm has
             places = []
@@ -166,9 +162,7 @@ class LockedJointElasticity(Giving):
         C, own = _row(arm, i)
         motion = _twist(arm, i)
         weight = _weight(arm, i, motion)
-        C[0, i] = 0.0
-        if weight is not None:
-            weight[0][0, i] = 0.0
+        C[0, i] = weight[0][0, i] = 0.0
         sprung = Sprung(C, own, np.array([stiffness]), np.array([stiffness * damping]), weight)
         return Freedom(sprung, motion, arm.chain, i, _AT_JOINT)
 
@@ -189,20 +183,18 @@ class LockedJointElasticity(Giving):
 
 def _twist(arm: Known, joint: int) -> Array:
     """The twist of a joint [1, 6]."""
-    return np.zeros((1, 6)) if arm.chain is None else posed(arm.chain, arm.posture).twists[[joint]]
+    return posed(arm.chain, arm.posture).twists[[joint]]
 
 
 def _row(arm: Known, joint: int) -> tuple[Array, Array]:
     """The row [1, n] of J of a joint, and J_ii [1, 1]; from the declared links where the joint is not live in J."""
-    if arm.J[joint, joint] or arm.chain is None:
+    if arm.J[joint, joint]:
         return np.array(arm.J[[joint]]), np.array(arm.J[[joint]][:, [joint]])
     return coupling(arm.chain, arm.posture, _twist(arm, joint), joint)
 
 
-def _weight(arm: Known, link: int, motion: Array, share: float = 1.0) -> tuple[Array, Array] | None:
+def _weight(arm: Known, link: int, motion: Array, share: float = 1.0) -> tuple[Array, Array]:
     """Gravity's stiffness for one more `motion` [1, 6] of a share of a link and all behind it, as `weighed`."""
-    if arm.chain is None or arm.gravity is None:
-        return None
     return weighed(arm.chain, arm.posture, arm.gravity, motion, link, share, link + 1)
 
 
@@ -221,11 +213,9 @@ class BaseCompliance(Giving):
     def freedom(self, arm: Known) -> Freedom | None:
         """The base's three turns, of the inertia they share with the joints and that of all that is carried."""
         chain, q = arm.chain, arm.posture
-        if chain is None:
-            return None
         k, own = self._springs()
         coupled, carried = coupling(chain, q, _TURNS)
-        weight = None if arm.gravity is None else weighed(chain, q, arm.gravity, _TURNS)
+        weight = weighed(chain, q, arm.gravity, _TURNS)
         sprung = Sprung(coupled, carried + np.diag(own), k, k * self["damping"], weight)
         return Freedom(sprung, _TURNS, chain, 0, _AT_BASE)
 
@@ -259,23 +249,19 @@ class LinkFlexibility(Giving):
         k, share, damping, across = self.values[:4]
         i, told = self.joint, None
         assert i is not None
-        weight, motion = None, _twist(arm, i)
-        if arm.chain is None:
-            C, own = arm.J[[i]] * share, arm.J[i : i + 1, i : i + 1] * share
-        elif across or arm.chain.slides(i):
+        motion = _twist(arm, i)
+        if across or arm.chain.slides(i):
             at = posed(arm.chain, arm.posture)
             axis = at.R[i] @ self._axis(arm.chain)
             motion = np.concatenate([np.cross(at.p[i], axis), axis])[None]
             C, own = coupling(arm.chain, arm.posture, motion, i, share)
-            weight = _weight(arm, i, motion, share)
         else:
             row = _row(arm, i)[0]
             link = row if i == arm.chain.n - 1 else own_inertia(arm.chain, arm.posture, i, motion[0])
             C = row - (1.0 - share) * link
             own = C[:, [i]]
-            weight = _weight(arm, i, motion, share)
             told = i if arm.J[i, i] else None
-        sprung = Sprung(C, own, np.array([k]), np.array([k * damping]), weight)
+        sprung = Sprung(C, own, np.array([k]), np.array([k * damping]), _weight(arm, i, motion, share))
         return Freedom(sprung, motion, arm.chain, i, _BEND, share, told)
 
     def opened(self, chain: Chain) -> tuple[Chain, Sequence[int]]:
@@ -328,8 +314,7 @@ class AttachedResonator(Giving):
         if not J:
             return None
         motion = np.zeros((1, 6))
-        if arm.chain is not None:
-            motion[0, 3:] = posed(arm.chain, arm.posture).R[i] @ arm.chain.joints[i].axis
+        motion[0, 3:] = posed(arm.chain, arm.posture).R[i] @ arm.chain.joints[i].axis
         w = self._turns(arm)[None]
         return Freedom(Sprung(J * w, np.array([[J]]), np.array([k]), np.array([d])), motion, arm.chain, i, _DISC)
 
@@ -349,7 +334,7 @@ class AttachedResonator(Giving):
     def _turns(self, arm: Known) -> Array:
         """How far it turns for each joint's unit motion [n]."""
         assert self.joint is not None
-        return np.eye(len(arm.N))[self.joint] if arm.chain is None else _turns(arm.chain, arm.posture, self.joint)
+        return _turns(arm.chain, arm.posture, self.joint)
 
     def structure(self, body: Body) -> None:
         assert self.joint is not None

@@ -52,7 +52,7 @@ def second_order(s: Complex, arm: Known, swing: Swing, sprung: Sprung, chain: Ch
     giving = stiff.copy()
     for order in range(3):
         giving[order][:, places] = swing.in_time(s[:, None] ** order * turn)
-    changes = slopes(chain, posture, np.zeros(3) if arm.gravity is None else arm.gravity)
+    changes = slopes(chain, posture, arm.gravity)
     forces = of_second_order(*changes, *giving)
     more = forces - of_second_order(*changes, *stiff)
     more[:, places] = 0.0

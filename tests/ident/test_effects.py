@@ -183,7 +183,7 @@ def known(name: str, q: np.ndarray) -> tuple[Known, pin.Model, pin.Data]:
     J = pin.crba(model, data, q)
     J = np.triu(J) + np.triu(J, 1).T
     N, K = (np.array([getattr(robot.drive(j), f) for j in chain.names]) for f in ("N", "K"))
-    return Known(N, K, J, q, chain), model, data
+    return Known(N, K, J, q, chain, np.zeros(3)), model, data
 
 
 @pytest.mark.parametrize("name", ["ypp3", "arm6"])

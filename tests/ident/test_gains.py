@@ -36,7 +36,7 @@ LOOP, LAG, DELAY = OUTSIDE["current-loop"], CATALOGUE["torque-lag"], CATALOGUE["
 
 def known() -> Known:
     one = np.ones(3)
-    return Known(one, one, np.eye(3), 0.0 * one)
+    return Known(one, one, np.eye(3), 0.0 * one, chain_of_robot(ROBOT), 0.0 * one)
 
 
 def test_a_response_goes_through_its_gains_and_delays() -> None:

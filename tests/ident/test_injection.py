@@ -79,7 +79,7 @@ def judged(effect: Effect, joint: int, lock: str, robot: Any = QUIET, record: Re
     linear, J = linearise(plant), np.zeros((3, 3))
     J[np.ix_(plant.live, plant.live)] = linear.link_inertia
     N, K = (np.array([getattr(d, f) for d in arm.drives]) for f in ("N", "K"))
-    return judge(record, linear, plant.live, N, Known(N, K, J, q, YPP), plant.preload * N, [effect])
+    return judge(record, linear, plant.live, N, Known(N, K, J, q, YPP, np.zeros(3)), plant.preload * N, [effect])
 
 
 NOTHING = [

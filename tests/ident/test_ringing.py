@@ -50,13 +50,13 @@ def begun_with_disc() -> Begun:
 def with_it() -> State:
     one = begun_with_disc()
     lin = linearised(one.start.problem, one.start.minimum.vector)
-    return min((state for _, state in _drawn(one.bench, one.start, lin, print)), key=lambda state: state.select)
+    return min((state for _, state in _drawn(one.bench, one.start, lin)), key=lambda state: state.select)
 
 
 def test_a_motor_feels_what_a_link_feels_of_the_same_mass() -> None:
     """Motor side, so N^2 times as much beyond the gear; all of its inertia far below, hardly any far beyond."""
     one = np.ones(3)
-    arm = Known(100.0 * one, one, np.eye(3), 0.0 * one)
+    arm = Known(100.0 * one, one, np.eye(3), 0.0 * one, chain_of_robot(ROBOT), 0.0 * one)
     s = 2j * np.pi * np.array([0.1, 30.0, 41.5, 60.0, 4e3])
     ringing = Ringing(1, DISC)
     at_link = AttachedResonator(1, DISC).impedance(s, arm)

@@ -72,7 +72,7 @@ def test_a_last_link_that_bends_is_found_though_it_promises_nothing() -> None:
     lin = linearised(start.problem, start.minimum.vector)
     promised = [(c.effect.name, c.effect.joint) for c in catalogue(lin, ())[:6]]
     assert reduced_chi2(bench, start) > 3.0 and ("link-flexibility", 2) not in promised
-    best = min(_bending(bench, start, lin, print), key=lambda one: one[1].select)
+    best = min(_bending(bench, start, lin), key=lambda one: one[1].select)
     assert (best[0].effect.name, best[0].effect.joint) == ("link-flexibility", 2)
     assert reduced_chi2(bench, fitted(bench, Refit.of(best[1]))) < 1.0
 

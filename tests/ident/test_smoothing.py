@@ -33,12 +33,16 @@ from ident.smoothing import Mixture, _by_instants
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 
+ROBOTS = Path(__file__).parents[2] / "robots"
+#: What no force of a test asks for.
+LINKS = chain_of_robot(load_robot(ROBOTS / "ypp3"))
+
 
 def levels(
     effect: Effect, joint: str, posture: tuple[float, ...], *besides: Effect, robot: str = "ypp3", f0: float = 0.5
 ) -> tuple[float, float]:
     """chi^2 per degree of freedom of the true arm in one record: with the laws of the measured motion, and of the smoothed one."""
-    effects, declared = (effect, *besides), load_robot(Path(__file__).parents[2] / "robots" / robot)
+    effects, declared = (effect, *besides), load_robot(ROBOTS / robot)
     declared = replace(declared, experiment=replace(declared.experiment, f0=f0, periods=5))
     chain = chain_of_robot(declared)
     model = make_model(chain, believe_zeros=True)
@@ -226,7 +230,8 @@ def test_the_force_of_friction_is_met_at_one_place_however_it_is_damped() -> Non
         arm=Posture(np.array([0]), np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 1, 0))), n=1, lines=lines, f0=1.0,
         fs=1000.0, hold="continuous", tau=np.zeros((59, 1), dtype=complex), theta=np.zeros((59, 1), dtype=complex),
         noise=np.zeros((2, 1)), means=np.zeros((2, 1)), posture=np.zeros(1), N=np.ones(1),
-        beyond=(lines[:0], np.zeros((0, 1), dtype=complex), np.zeros((0, 1), dtype=complex)), oversampled=16,
+        beyond=(lines[:0], np.zeros((0, 1), dtype=complex), np.zeros((0, 1), dtype=complex)), chain=LINKS, gravity=np.zeros(3),
+        oversampled=16,
     )  # fmt: skip
     Y = 1.0 / (0.02 * scene.s + 0.05)
     v0 = Y * np.where(lines == 1, 1.2, 0.0)
@@ -247,7 +252,8 @@ def test_friction_in_turns_is_that_of_an_integrated_mass() -> None:
         arm=Posture(np.array([0]), np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 1, 0))), n=1, lines=lines, f0=1.0,
         fs=1000.0, hold="continuous", tau=np.zeros((199, 1), dtype=complex), theta=np.zeros((199, 1), dtype=complex),
         noise=np.zeros((2, 1)), means=np.zeros((2, 1)), posture=np.zeros(1), N=np.ones(1),
-        beyond=(lines[:0], np.zeros((0, 1), dtype=complex), np.zeros((0, 1), dtype=complex)), oversampled=20,
+        beyond=(lines[:0], np.zeros((0, 1), dtype=complex), np.zeros((0, 1), dtype=complex)), chain=LINKS, gravity=np.zeros(3),
+        oversampled=20,
     )  # fmt: skip
     u = np.zeros(199, dtype=complex)
     u[[0, 4]] = 1.0, 0.8j  # odd: no mean velocity
