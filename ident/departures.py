@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from ident.arm_fit import Held, hold, residual, whitened_by
 from ident.campaign import Array
-from ident.effects.base import Effect
-from ident.effects.by_record import of_records
+from ident.changes import told_of
 from ident.evidence import Evidence
-from ident.parts import Split
 from ident.refits import Bench, State
 
 #: Where bands [Hz] in which errors are told meet; the last has no end, as nothing limits how far records reach.
@@ -86,7 +84,7 @@ def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[H
 
     Of the records those that `told_of` keeps.
     """
-    told = {one.index for one in told_of(bench.split, state.effects, data)}
+    told = {one.index for one in told_of(bench.split, state, data)}
     which = [one.index in told for one in data]
     data, held = tuple(compress(data, which)), tuple(compress(held, which))
     problem = replace(state.problem, data=data)
@@ -114,20 +112,6 @@ def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[H
 
     names = bench.campaign.joints
     return Errors(*parts(error), *parts(noise))
-
-
-def told_of(split: Split, effects: Sequence[Effect], data: Sequence[Evidence]) -> tuple[Evidence, ...]:
-    """The records but for those between the last that fits or chooses before a change and the first after it, if others are left:
-    nothing that was fitted tells whether they have changed. With a joint that is another one in each none that only reports."""
-    known = {one.index for one in split.fit + split.select}
-    begins = [int(effect["record"]) - 1 for effect in effects if "record" in (p.name for p in effect.parameters)]
-
-    def between(record: int) -> bool:
-        return any(record < begin and known.isdisjoint(range(record, begin)) for begin in begins)
-
-    of_each = any(map(of_records, effects))
-    told = [one for one in data if not between(one.index) and (one.index in known or not of_each)]
-    return tuple(told) or tuple(data)
 
 
 def loud(joints: NDArray[np.int64], noise: Array) -> NDArray[np.bool_]:
@@ -166,7 +150,7 @@ def groups(state: State, data: Sequence[Evidence]) -> list[tuple[int, int, Band,
 
 def departures(bench: Bench, state: State) -> tuple[Departure, ...]:
     """What stays unexplained on the choosing and reporting records: joints, bands and kinds of line, largest share first."""
-    data = bench.split.select + bench.split.report
+    data = bench.split.select + told_of(bench.split, state, bench.split.report)
     found = groups(state, data)
     total = sum(group[-1] for group in found)
     merged: dict[tuple[int, Band, str], list[float]] = {}

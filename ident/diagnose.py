@@ -16,10 +16,11 @@ import numpy as np
 from ident.added import Added, exchanged, pruned, renamed, renewed, was_named
 from ident.apart import apart
 from ident.campaign import Campaign
+from ident.changes import told_of
 from ident.choice import Tried
 from ident.contradicted import Off, contradicted, merged, standard_deviations
 from ident.coupled import declared_start
-from ident.departures import Departure, Errors, errors, told_of
+from ident.departures import Departure, Errors, errors
 from ident.each_record import in_each_record
 from ident.effects.learned import Learned
 from ident.errors import IdentError
@@ -189,7 +190,7 @@ class Begun:
         state = settled(bench, state)
         start = state if found is start else _better(start, added)
         final = _as_found(state, added, contradictions)
-        told = told_of(bench.split, state.effects, bench.split.report)
+        told = told_of(bench.split, state, bench.split.report)
         before = errors(bench, _first(start, final, off), told)
         after = errors(bench, state, told)
         if final:

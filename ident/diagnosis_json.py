@@ -14,11 +14,12 @@ import numpy as np
 from ident.added import Added
 from ident.arm_model import DRIVES
 from ident.campaign import Array, Campaign
+from ident.changes import not_closer, told_of
 from ident.choice import LEAST_SHARE
 from ident.confounded import AGAIN, NEVER, Separation, never_told_apart, separation
 from ident.contradicted import Off
 from ident.coupled import degrees_of_freedom, uncertainty
-from ident.departures import Errors, told_of
+from ident.departures import Errors
 from ident.deviations import SIGMAS
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect, only_shares
@@ -63,7 +64,7 @@ def verdict_document(
     angle at the excited lines of the records that report, but for bands without the few lines that are mostly noise.
     """
     records = d.campaign.records
-    reported = told_of(d.split, d.end.effects, d.split.report)
+    reported = told_of(d.split, d.end, d.split.report)
     kinds = {"fit": d.split.fit, "select": d.split.select, "report": reported}
     split = {kind: [records[one.index].id for one in those] for kind, those in kinds.items()} | {
         "note": _note(d, reported)
@@ -92,7 +93,7 @@ def verdict_document(
         "inertia": _inertia(d),
         "drives": _drives(d),
         "unexplained": unexplained(d),
-        "notes": [*notes, *(line for frf in d.responses for line in frf.status)],
+        "notes": [*notes, *not_closer(d.split, d.end), *(line for frf in d.responses for line in frf.status)],
         "made_with": made_with or {},
     }
     found: dict[str, Any] = plain(document)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from ident.arm_fit import Problem, hold, residual, whitened_by
 from ident.campaign import Array
-from ident.departures import in_bands, told_of
+from ident.changes import told_of
+from ident.departures import in_bands
 from ident.diagnose import Diagnosis
 from ident.effects.base import Effect, Law, has_forces, only_gains
 from ident.effects.learned import LearnedCurve, factor, variable
@@ -53,7 +54,7 @@ class HeldOut:
 def held_out(d: Diagnosis) -> tuple[HeldOut, ...]:
     """Returns the records that report and that the errors of the diagnosis are told of, with the errors of the first model and of the
     last one."""
-    reported = told_of(d.split, d.end.effects, d.split.report)
+    reported = told_of(d.split, d.end, d.split.report)
     rows = []
     for one, before, after in zip(reported, _left(d.first, reported), _left(d.end, reported), strict=True):
         k, use = one.place, one.is_excited & one.use
@@ -71,7 +72,7 @@ def held_out(d: Diagnosis) -> tuple[HeldOut, ...]:
 def with_few_lines(d: Diagnosis) -> frozenset[str]:
     """The joints and bands whose errors are those of so few lines that they tell little."""
     counts: dict[str, int] = {}
-    for one in told_of(d.split, d.end.effects, d.split.report):
+    for one in told_of(d.split, d.end, d.split.report):
         use, joint = one.is_excited & one.use, d.campaign.joints[one.excited]
         counts[joint] = counts.get(joint, 0) + int(use.sum())
         for band, inside in in_bands(one.sampling.f[use]):

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.arm_fit import chi_squared, hold
 from ident.campaign import Array
 from ident.coupled import DOUBTS
 from ident.effects.base import Effect, PeriodicLaw, only_impedance
@@ -352,27 +351,6 @@ def _resized(state: State, effect: Effect, which: Sequence[int], factors: Sequen
         vector[[first + k for k in which]] *= factor
         refits.append(replace(Refit.of(state), vector=np.clip(vector, state.problem.low, state.problem.high)))
     return refits
-
-
-def since(bench: Bench, state: State) -> State:
-    """The same model, its last effect since the record that the choosing ones tell, of those between two that fit."""
-    effect = state.effects[-1]
-    names = [p.name for p in effect.parameters]
-    if "record" not in names:
-        return state
-    place = state.problem.base + sum(len(e.values) for e in state.effects[:-1]) + names.index("record")
-    now = int(effect["record"])
-    earlier = [one.index + 1 for one in bench.split.fit if one.index + 1 < now]
-    best = state
-    for record in range(max(earlier, default=1) + 1, now):
-        vector = state.minimum.vector.copy()
-        vector[place] = record
-        chosen = replace(state.problem, data=bench.split.select)
-        select = chi_squared(chosen, vector, hold(chosen, vector))
-        if select < best.select:
-            minimum = replace(state.minimum, vector=vector)
-            best = replace(state, effects=state.problem.effects_at(vector), minimum=minimum, select=select)
-    return best
 
 
 def elsewhere(bench: Bench, state: State, effect: Effect) -> State:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.added import Added
 from ident.alike import names_alike
+from ident.changes import since, told_of
 from ident.choice import (
     AHEAD,
     ALIKE,
@@ -25,11 +26,11 @@ from ident.choice import (
     vanished,
 )
 from ident.contradicted import is_shapeless
-from ident.departures import errors, told_of
+from ident.departures import errors
 from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned
 from ident.gains import named_gains
-from ident.minima import LEAST_GAIN, fully, since, told
+from ident.minima import LEAST_GAIN, fully, told
 from ident.naming import of_any_order, plainer
 from ident.one_more import leading_to_one_more
 from ident.parts import degrees, sampled
@@ -193,7 +194,7 @@ def _entry(
     order = sorted((other for _, other in others), key=lambda other: other.select)
     named = [other for other in order if other.effects[-1].name != "unknown"]
     left_by = list(forked(lambda other: _error(bench, other), order[:RIVALS], bench.workers))
-    report = told_of(bench.split, new.effects, bench.split.report)
+    report = told_of(bench.split, new, bench.split.report)
     return Added(
         effect=effect,
         std=(),

@@ -276,6 +276,7 @@ def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
         "merged": lambda state, contradictions: (state, ()),
         "settled": lambda bench, state: state,
         "errors": lambda *of: none,
+        "told_of": lambda *of: (),
     }
     _instead(monkeypatch, stand_ins)
     monkeypatch.setattr("ident.refits.degrees", lambda data: 1)
@@ -300,7 +301,7 @@ def test_entries_are_in_the_order_in_which_they_were_added_and_errors_of_the_sam
         "merged": lambda state, contradictions: (state, ()),
         "settled": lambda bench, state: state,
         "standard_deviations": lambda *of: (),
-        "told_of": lambda split, effects, data: data[: -len(effects) // 2],
+        "told_of": lambda split, state, data: data[: -len(state.effects) // 2],
         "errors": lambda bench, state, data: SimpleNamespace(all=state.select, of=data),
     }
     _instead(monkeypatch, stand_ins)

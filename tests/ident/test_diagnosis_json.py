@@ -42,7 +42,7 @@ def blind(d, name):
 
 def test_records_that_an_error_leaves_out_are_named(file, monkeypatch):
     d = diagnosis()
-    monkeypatch.setattr("ident.diagnosis_json.told_of", lambda split, effects, data: data[1:])
+    monkeypatch.setattr("ident.diagnosis_json.told_of", lambda split, state, data: data[1:])
     out, *kept = [d.campaign.records[one.index].id for one in d.split.report]
     split = verdict_document(d, [file])["error"]["split"]
     assert split["report"] == kept and f"{out} left out" in split["note"]

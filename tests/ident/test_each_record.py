@@ -13,7 +13,7 @@ import pytest
 from ident.added import Added
 from ident.bench import simulate
 from ident.candidates import best_of
-from ident.departures import told_of
+from ident.changes import told_of
 from ident.diagnose import Diagnosis, begin
 from ident.diagnosis_figures import record_figure
 from ident.diagnosis_json import _of_place
@@ -43,8 +43,9 @@ def test_the_first_record_is_the_arm_s_own_and_others_have_a_share_each() -> Non
 def test_a_record_that_only_reports_tells_nothing_of_a_joint_that_is_another_one_in_each() -> None:
     a, b, c = (cast(Evidence, SimpleNamespace(index=k)) for k in range(3))
     by_records, by_lines = Split((a,), (b,), (b, c), ""), Split((a, b, c), (a, b, c), (a, b, c), "")
-    assert told_of(by_records, [WARM], by_records.report) == (b,)
-    assert told_of(by_lines, [WARM], by_lines.report) == (a, b, c)
+    warm: Any = SimpleNamespace(effects=(WARM,), problem=SimpleNamespace(base=0))
+    assert told_of(by_records, warm, by_records.report) == (b,)
+    assert told_of(by_lines, warm, by_lines.report) == (a, b, c)
 
 
 def test_it_is_said_and_drawn_by_record() -> None:
