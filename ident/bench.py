@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ident.campaign import Campaign, Record
-from ident.design import EXCITATIONS, LOCKS, RAMP, TORQUE_SHARE, Setup, place, prepare
+from ident.design import EXCITATIONS, LOCKS, TORQUE_SHARE, Setup, place, played, prepare
 from ident.dob import controller
 from ident.effects.base import Effect
 from ident.errors import ExperimentError
@@ -234,9 +234,7 @@ def run(job: Job) -> Record:
     lacking = _lacking(linear, Ts, steps) if job.integrator == "RK4" else None
     machine = Machine(injected, Ts, steps) if injected else None
     plant = injected.plant if injected else plant
-    play = np.tile(setup.excitation.samples(e.fs), setup.periods)
-    ramp = int(RAMP * e.samples_per_period)
-    play[:ramp] *= (1 - np.cos(pi * np.arange(ramp) / ramp)) / 2
+    play = played(setup.excitation, e, setup.periods)
     size = np.array([plant.drives[k].tau_max for k in setup.live]) / plant.drives[setup.joint].tau_max
     noise = np.random.default_rng(job.seed).standard_normal((len(play), len(size))) * (
         e.torque_noise * setup.excitation.rms * size

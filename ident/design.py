@@ -137,7 +137,7 @@ def prepare(
     angles, torques = (np.abs(synthesise(signal.lines, x, e.samples_per_period)).max(axis=0) for x in (motion, torque))
     size = _size(chain, robot, plant, angles, torques, where)
     settle = _settling(loop, e.f0, where)
-    start = _start(signal.scaled(size), e, settle)
+    start = played(signal.scaled(size), e, settle)
     share, short = _within_limits(chain, plant, loop, port, start, size * angles, where)
     size *= share
     weight = np.sqrt(np.diag(linear.M)[: len(servos)] + np.diag(linear.link_inertia))
@@ -316,8 +316,8 @@ def _settling(loop: ClosedLoop, f0: float, where: str) -> int:
     return settle
 
 
-def _start(signal: Multisine, e: Experiment, periods: int) -> Array:
-    """The first samples [periods of them, N m] of a record, with its ramp."""
+def played(signal: Multisine, e: Experiment, periods: int) -> Array:
+    """The samples of so many first periods of a record [S, N m], with its ramp."""
     play, ramp = np.tile(signal.samples(e.fs), periods), int(RAMP * e.samples_per_period)
     play[:ramp] *= (1 - np.cos(np.pi * np.arange(ramp) / ramp)) / 2
     return play
