@@ -84,14 +84,14 @@ def _check(options: argparse.Namespace) -> None:
         raise IdentError(f"--seed {options.seed}: expected 0 or more")
     record_options.check(options)
     if "method" in options:
-        from ident.identify import METHODS
+        from ident.identification.identify import METHODS
 
         if options.method not in (*METHODS, "all"):
             raise IdentError(f"method {options.method!r}: expected one of {', '.join(METHODS)}, all")
     if getattr(options, "out", None) is None:
         return
     if options.command in ("run", "fit", "export", "diagnose"):
-        from ident.export import check_place
+        from ident.identification.export import check_place
 
         check_place(options.out)
     out = Path(options.out)

@@ -52,9 +52,9 @@ def add(command: NewCommand) -> None:
 
 
 def _import(options: argparse.Namespace) -> int:
-    from ident.importing import import_files
-    from ident.mapping import load_map
-    from ident.store import write_campaign
+    from ident.machines.importing import import_files
+    from ident.machines.mapping import load_map
+    from ident.records.store import write_campaign
 
     if options.keys:
         return _keys(options)
@@ -81,7 +81,7 @@ def _import(options: argparse.Namespace) -> int:
 
 
 def _keys(options: argparse.Namespace) -> int:
-    from ident.mapping import KEYS
+    from ident.machines.mapping import KEYS
 
     if options.json:
         print(json.dumps(KEYS))
@@ -95,7 +95,7 @@ def _keys(options: argparse.Namespace) -> int:
 
 
 def _guess(options: argparse.Namespace) -> int:
-    from ident.guess import guess
+    from ident.machines.guess import guess
 
     for name in ("map", "out"):
         if getattr(options, name) is not None:
@@ -108,7 +108,7 @@ def _guess(options: argparse.Namespace) -> int:
 
 
 def _new(options: argparse.Namespace) -> int:
-    from ident.starter import new_robot
+    from ident.machines.starter import new_robot
 
     toml = new_robot(options.urdf, options.out or Path(options.urdf).stem, base=options.base, tip=options.tip)
     if options.json:
@@ -119,8 +119,8 @@ def _new(options: argparse.Namespace) -> int:
 
 
 def _doctor(options: argparse.Namespace) -> int:
-    from ident.doctor import examine
-    from ident.doctor_page import document, page
+    from ident.machines.doctor import examine
+    from ident.machines.doctor_page import document, page
 
     found = examine(options.robot)
     print(json.dumps(document(found)) if options.json else page(found))
@@ -128,7 +128,7 @@ def _doctor(options: argparse.Namespace) -> int:
 
 
 def _export_excitation(options: argparse.Namespace) -> int:
-    from ident.playing import export_excitation
+    from ident.machines.playing import export_excitation
     from symgen.plan import chain_of_robot, load_plan_cells, make_model, plan_of_robot
     from symgen.robot import load_robot
 

@@ -15,8 +15,8 @@ from ident.commands import NewCommand
 from ident.errors import IdentError
 
 if TYPE_CHECKING:
-    from ident.campaign import Campaign
-    from ident.diagnose import Diagnosis
+    from ident.loop.diagnose import Diagnosis
+    from ident.records.campaign import Campaign
 
 
 #: How long a search takes at most, unless told otherwise.
@@ -85,11 +85,11 @@ def _diagnose(options: argparse.Namespace) -> int:
 
 def _diagnosed(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     """Diagnoses and writes everything; the verdict, and the same in words."""
-    from ident.diagnosis_json import FILE, result_document, verdict_document, write
-    from ident.diagnosis_report import html, text
-    from ident.held_out import with_few_lines
-    from ident.inputs import joined, told
+    from ident.loop.diagnosis_json import FILE, result_document, verdict_document, write
+    from ident.loop.diagnosis_report import html, text
+    from ident.loop.held_out import with_few_lines
     from ident.plain import replace_file
+    from ident.records.inputs import joined, told
 
     campaign = joined(options.campaign)
     earlier = joined([options.baseline]) if options.baseline is not None else None
@@ -116,8 +116,8 @@ def _search(
     campaign: Campaign, earlier: Campaign | None, believe_zeros: bool | None, minutes: float, say: Callable[[str], None]
 ) -> tuple[Diagnosis, tuple[str, ...]]:
     """What is found in a campaign beyond its declared robot, or beyond that of an `earlier` one; and notes."""
-    from ident.baseline import declared_by
-    from ident.either_model import diagnose_either
+    from ident.loop.baseline import declared_by
+    from ident.loop.either_model import diagnose_either
     from symgen.forked import WORKERS
 
     notes: tuple[str, ...] = ()
@@ -130,8 +130,8 @@ def _search(
 
 def report_again(verdict: Mapping[str, Any], say: Callable[[str], None]) -> str:
     """Returns the report of a diagnosis, made of the same files in the same way. IdentError where they are not there."""
-    from ident.diagnosis_report import html
-    from ident.inputs import again
+    from ident.loop.diagnosis_report import html
+    from ident.records.inputs import again
 
     made = verdict["made_with"]
     earlier = again(made["baseline"]) if made["baseline"] else None
@@ -148,9 +148,9 @@ def report_again(verdict: Mapping[str, Any], say: Callable[[str], None]) -> str:
 
 
 def _write_robot(d: Diagnosis, out: Path) -> None:
-    from ident.coupled import uncertainty
-    from ident.export import write_files
-    from ident.identified import of_parts
+    from ident.arm.coupled import uncertainty
+    from ident.identification.export import write_files
+    from ident.identification.identified import of_parts
 
     problem, minimum = d.end.problem, d.end.minimum
     p = problem.parameters(minimum.vector)
@@ -162,7 +162,7 @@ def _write_robot(d: Diagnosis, out: Path) -> None:
 
 
 def _next(options: argparse.Namespace) -> int:
-    from ident.next_experiment import plan_next
+    from ident.loop.next_experiment import plan_next
 
     found = plan_next(options.result, seed=options.seed)
     if options.json:

@@ -16,9 +16,9 @@ from ident.commands import NewCommand
 from ident.errors import IdentError
 
 if TYPE_CHECKING:
-    from ident.campaign import Campaign
     from ident.effects.base import Effect
-    from ident.identify import Identification
+    from ident.identification.identify import Identification
+    from ident.records.campaign import Campaign
     from symgen.robot import Drive
 
 
@@ -97,9 +97,9 @@ def _effects(options: argparse.Namespace, drives: Sequence[Drive]) -> list[Effec
 def _simulated(options: argparse.Namespace, path: Path) -> tuple[bool, dict[str, Any]]:
     """Writes the planned campaign of a robot directory on the simulated robot; what to tell of it, and whether zeros are
     believed."""
-    from ident.bench import design, head
-    from ident.design import summary
-    from ident.resume import run_to_file
+    from ident.simulator.bench import design, head
+    from ident.simulator.design import summary
+    from ident.simulator.resume import run_to_file
     from symgen.plan import chain_of_robot, load_plan_cells, make_model, plan_of_robot
     from symgen.robot import load_robot
 
@@ -158,7 +158,7 @@ def _fit(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from ident.export import read, write_files
+    from ident.identification.export import read, write_files
 
     place = Path(options.result)
     files = write_files(read(place), options.out or (place if place.is_dir() else place.parent))
@@ -170,12 +170,12 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
-    from ident import report
     from ident.diagnosis_commands import report_again
-    from ident.diagnosis_json import FILE
-    from ident.identify import identify
-    from ident.inputs import again, document
+    from ident.identification.identify import identify
+    from ident.loop.diagnosis_json import FILE
     from ident.plain import replace_file
+    from ident.records.inputs import again, document
+    from ident.reports import report
     from symgen.forked import WORKERS
 
     out, say = Path(options.result), progress.line(options)
@@ -212,12 +212,12 @@ def _identified(
     options: argparse.Namespace,
     precision: dict[str, float] | None = None,
 ) -> int:
-    from ident import report
-    from ident.export import write_identified
-    from ident.identify import METHODS, identify
+    from ident.identification.export import write_identified
+    from ident.identification.identify import METHODS, identify
     from ident.plain import plain
-    from ident.result_page import doubtful, page
-    from ident.side_by_side import comparison, table
+    from ident.reports import report
+    from ident.reports.result_page import doubtful, page
+    from ident.reports.side_by_side import comparison, table
     from symgen.forked import WORKERS
     from symgen.robot import load_robot
 
@@ -251,8 +251,8 @@ def _identified(
 
 def _read(file: Path) -> tuple[Campaign, dict[str, Any]]:
     """The campaign in the file, and what a result says of that file. IdentError where another one took its place meanwhile."""
-    from ident.inputs import told
-    from ident.store import read_campaign
+    from ident.records.inputs import told
+    from ident.records.store import read_campaign
 
     before = _stamp(file)
     campaign, source = read_campaign(file), told([file])
@@ -272,7 +272,7 @@ def _stamp(file: Path) -> tuple[int, ...]:
 
 def _realised(result: Identification) -> tuple[Identification, list[dict[str, Any]]]:
     """The result with a note on what realisations of its records tell differently, and that as JSON; as it is where there are none."""
-    from ident import realisations
+    from ident.identification import realisations
 
     records, responses = [m.record for m in result.measurements], [m.frf for m in result.measurements]
     found = realisations.distortions(records, responses)

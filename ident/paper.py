@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.bench import simulate
-from ident.campaign import Array
 from ident.errors import IdentError
-from ident.identify import identify
+from ident.identification.identify import identify
+from ident.identification.physical import YPP_ALPHA, consistency, ypp_inequalities
+from ident.joint.solve import solve
 from ident.paper_tables import (
     CAD,
     CELLS,
@@ -35,8 +35,8 @@ from ident.paper_tables import (
     document,
     text,
 )
-from ident.physical import YPP_ALPHA, consistency, ypp_inequalities
-from ident.solve import solve
+from ident.records.campaign import Array
+from ident.simulator.bench import simulate
 from symgen.chain import Chain, Inertia
 from symgen.plan import Model, chain_of_robot, make_model
 from symgen.robot import Robot, load_robot

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ident.campaign import Array
-from ident.physical import YPP_ALPHA
+from ident.identification.physical import YPP_ALPHA
+from ident.records.campaign import Array
 from symgen.robot import Experiment
 
 #: Section IV: (q_2, q_23) [rad] of the postures, and the (posture, joint) measured there in the order of the tables.

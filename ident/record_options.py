@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import IdentError
 
 if TYPE_CHECKING:
-    from ident.precision import Precision
+    from ident.identification.precision import Precision
     from symgen.plan import Cell, Model
     from symgen.robot import Robot
 
@@ -74,7 +74,7 @@ def wanted(
     """Returns the campaign for the precision of --target; None where none is asked for."""
     if not options.target:
         return None
-    from ident.precision import for_target
+    from ident.identification.precision import for_target
 
     pairs = [(cell.joint, cell.q) for cell in cells]
     return for_target(

@@ -32,11 +32,11 @@ from loop.cases import KINDS_OF_CASE, OURS, Case, cases, drawn, truth, twin, wri
 from loop.judge import ASKED, NEAR_CLEAN, bias, judged
 from loop.table import failures, table
 
-from ident.bench import in_parallel
-from ident.diagnosis_json import verdict_document
-from ident.either_model import diagnose_either
 from ident.errors import ExperimentError
-from ident.store import read_campaign, write_campaign
+from ident.loop.diagnosis_json import verdict_document
+from ident.loop.either_model import diagnose_either
+from ident.records.store import read_campaign, write_campaign
+from ident.simulator.bench import in_parallel
 
 COUNTS = {"clean": 100, "one": 156, "two": 52, "outside": 56}
 #: How many faint ones where these are asked for.
@@ -45,9 +45,8 @@ RESULTS = HERE / "RESULTS_LOOP.md"
 #: One case in so many, on the average, is of a given robot and effect.
 RAREST = 400
 #: What makes records, and what makes and judges results.
-MAKERS = ("symgen", "draws", "outside", "loop.cases", "ident.effects", *(f"ident.{name}" for name in (
-    "bench", "bodies", "campaign_rules", "delay", "design", "dob", "excitation", "hdf5_node", "injection", "machine",
-    "plant", "ports", "rk4", "store")))  # fmt: skip
+MAKERS = ("symgen", "draws", "outside", "loop.cases", "ident.effects", "ident.simulator", *(f"ident.records.{name}" for name in (
+    "campaign_rules", "excitation", "hdf5_node", "store")))  # fmt: skip
 JUDGES = ("symgen", "draws", "outside", "loop", "ident")
 CACHE = HERE.parents[1] / "out" / "bench-loop"
 

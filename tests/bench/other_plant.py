@@ -1,6 +1,6 @@
 """Another simulated arm than the project's own: Pinocchio's forward dynamics, springs in series, Runge-Kutta, plain PD.
 
-It shares nothing with `ident.bench` but the campaign's format: another integrator, another controller without an observer, torque noise
+It shares nothing with `ident.simulator.bench` but the campaign's format: another integrator, another controller without an observer, torque noise
 on every motor, laws of effects as plain functions. What is found in its records is not what the project's plant is made like.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ident.campaign import Campaign, Record
+from ident.records.campaign import Campaign, Record
 from symgen.robot import Robot
 
 #: Steps of the integration in a sample; band [Hz] of the hold, and of the filter of its velocity.

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.bench import simulate
-from ident.campaign import Campaign
-from ident.coupled import CoupledFit, fit_coupled
-from ident.frf import estimate
+from ident.arm.coupled import CoupledFit, fit_coupled
+from ident.records.campaign import Campaign
+from ident.records.frf import estimate
+from ident.simulator.bench import simulate
 from symgen.chain import Chain, Inertia
 from symgen.kinematics import inertia_matrix
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot

@@ -9,7 +9,7 @@ import pytest
 from study import case, error, markdown, planned, publish
 from vendor import write_robot
 
-from ident.identify import METHODS, identify
+from ident.identification.identify import METHODS, identify
 from symgen.kinematics import inertia_matrix
 from symgen.robot import load_robot
 

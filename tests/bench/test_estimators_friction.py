@@ -16,9 +16,9 @@ from study import case, error, markdown, planned, publish
 from ident.effects.base import Effect
 from ident.effects.friction import MotorStribeck
 from ident.effects.motor import TorqueRipple
-from ident.identify import METHODS, identify
-from ident.injection import inject
-from ident.machine import Machine, steps_for
+from ident.identification.identify import METHODS, identify
+from ident.simulator.injection import inject
+from ident.simulator.machine import Machine, steps_for
 from symgen.kinematics import gravity_rows
 from symgen.robot import load_robot
 

@@ -10,14 +10,14 @@ import pytest
 from motorbench import around_the_modes, imported, needs_records
 from study import markdown, publish
 
-from ident.arm_fit import hold, residual
-from ident.coupled import declared_start, problem_of
-from ident.descent import minimise
+from ident.arm.arm_fit import hold, residual
+from ident.arm.coupled import declared_start, problem_of
+from ident.arm.descent import minimise
+from ident.arm.evidence import evidence, gravity_basis
 from ident.effects.base import Effect
 from ident.effects.friction import LinkViscous
 from ident.effects.motor import InputDelay
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
+from ident.records.frf import estimate
 from symgen.plan import model_of_urdf
 
 TRIED: dict[str, tuple[Effect, ...]] = {

@@ -13,7 +13,7 @@ import pytest
 from study import case, error, fitted, markdown, publish
 from vendor import write_robot
 
-from ident.certainty import certainty
+from ident.joint.certainty import certainty
 from symgen.plan import chain_of_robot, feasible_postures, make_plan, reflected_inertia
 from symgen.robot import Robot
 

@@ -14,10 +14,10 @@ import pytest
 from study import markdown, planned, publish, true_drives
 from synthetic import ENCODER, Arm, campaign, record
 
-from ident.campaign import Campaign
-from ident.coupled import CoupledFit, Start, fit_coupled
-from ident.evidence import gravity_basis
-from ident.frf import estimate
+from ident.arm.coupled import CoupledFit, Start, fit_coupled
+from ident.arm.evidence import gravity_basis
+from ident.records.campaign import Campaign
+from ident.records.frf import estimate
 from symgen.chain import Chain, Inertia
 from symgen.kinematics import inertia_matrix
 from symgen.plan import Model, chain_of_robot, make_model

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from study import Case, case, error, fitted, markdown, planned, publish
 
-from ident.plant import mjcf
+from ident.simulator.plant import mjcf
 from symgen.chain import Inertia
 from symgen.kinematics import inertia_matrix
 from symgen.plan import chain_of_robot

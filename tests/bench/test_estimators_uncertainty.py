@@ -15,11 +15,11 @@ from scipy.stats import norm
 from study import markdown, publish
 from synthetic import ENCODER, FS, Arm, campaign, record
 
-from ident.arm_model import Sampling, motion_and_derivatives
-from ident.campaign import Campaign
-from ident.coupled import Start, fit_coupled
-from ident.evidence import gravity_basis, posture_at
-from ident.frf import estimate
+from ident.arm.arm_model import Sampling, motion_and_derivatives
+from ident.arm.coupled import Start, fit_coupled
+from ident.arm.evidence import gravity_basis, posture_at
+from ident.records.campaign import Campaign
+from ident.records.frf import estimate
 from symgen.plan import Model, make_model
 from symgen.urdf import load_chain
 

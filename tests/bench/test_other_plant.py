@@ -11,7 +11,7 @@ import pytest
 from other_plant import Undeclared, simulate
 from study import planned
 
-from ident.either_model import diagnose_either
+from ident.loop.either_model import diagnose_either
 from symgen.robot import load_robot
 
 pytestmark = pytest.mark.bench

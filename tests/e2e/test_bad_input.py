@@ -21,9 +21,9 @@ from undrawn import undrawn
 
 import ident.cli
 import symgen.cli
-from ident.bench import simulate
-from ident.campaign import Campaign, Record
-from ident.store import write_campaign
+from ident.records.campaign import Campaign, Record
+from ident.records.store import write_campaign
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_plan
 from symgen.robot import Experiment, load_robot
 
@@ -435,7 +435,7 @@ def no_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
     def simulated(*_: object, **__: object) -> None:
         pytest.fail("simulated first, refused later")
 
-    monkeypatch.setattr("ident.resume.run_to_file", simulated)
+    monkeypatch.setattr("ident.simulator.resume.run_to_file", simulated)
 
 
 @pytest.mark.parametrize(
@@ -488,7 +488,11 @@ def test_an_interruption_promises_what_is_kept(
             Path(f"{file}.partial").mkdir(parents=True)
         raise KeyboardInterrupt
 
-    for name in ("ident.resume.run_to_file", "ident.doctor.examine", "ident.store.read_campaign"):
+    for name in (
+        "ident.simulator.resume.run_to_file",
+        "ident.machines.doctor.examine",
+        "ident.records.store.read_campaign",
+    ):
         monkeypatch.setattr(name, stop)
     place = [] if command == "doctor" else ["-o", str(out)]
     assert ident.cli.main([command, str(YPP3), *place]) == 130

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from ident.campaign import Campaign
 from ident.cli import main
-from ident.diagnosis_report import text
-from ident.either_model import diagnose_either
-from ident.store import read_campaign, write_campaign
+from ident.loop.diagnosis_report import text
+from ident.loop.either_model import diagnose_either
+from ident.records.campaign import Campaign
+from ident.records.store import read_campaign, write_campaign
 from symgen.robot import load_robot
 
 ROOT = Path(__file__).parents[2]
@@ -43,7 +43,7 @@ def out(campaign: Path, found: list[Any], tmp_path_factory: pytest.TempPathFacto
         return found[0]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.either_model.diagnose_either", kept)
+        patch.setattr("ident.loop.either_model.diagnose_either", kept)
         assert main(["diagnose", str(campaign), "-o", str(directory)]) == 0
     return directory
 
@@ -68,7 +68,7 @@ def test_json_is_one_document_and_nothing_else(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     capsys.readouterr()
-    monkeypatch.setattr("ident.either_model.diagnose_either", lambda *_, **__: found[0])
+    monkeypatch.setattr("ident.loop.either_model.diagnose_either", lambda *_, **__: found[0])
     assert main(["diagnose", str(campaign), "-o", str(tmp_path), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / "verdict.json").read_text())
@@ -83,7 +83,7 @@ def test_a_report_is_made_again_of_what_the_verdict_says(
         asked.append((len(read.records), believe_zeros, options["seconds"]))
         return found[0]
 
-    monkeypatch.setattr("ident.either_model.diagnose_either", kept)
+    monkeypatch.setattr("ident.loop.either_model.diagnose_either", kept)
     page = out / "report.html"
     first = page.read_text()
     page.unlink()

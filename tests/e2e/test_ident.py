@@ -15,7 +15,7 @@ import pytest
 from undrawn import undrawn
 
 from ident.cli import main
-from ident.identify import identify
+from ident.identification.identify import identify
 
 ROOT = Path(__file__).parents[2]
 ROBOT = ROOT / "robots" / "ypp3"
@@ -161,7 +161,7 @@ def test_the_methods_stand_side_by_side(
             fits[method] = identify(records, method=method, **options)
         return fits[method]
 
-    monkeypatch.setattr("ident.identify.identify", identified)
+    monkeypatch.setattr("ident.identification.identify.identify", identified)
     campaign, out = str(folder / "dob" / "campaign.h5"), str(folder / "all")
     with undrawn():
         status, result = run(["fit", campaign, "-o", out, "--method", "all", "--believe-zeros"], capsys)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import ident.cli
-from ident.mapping import load_map
+from ident.machines.mapping import load_map
 from symgen import cli
 
 ROOT = Path(__file__).parents[2]

@@ -12,8 +12,8 @@ import pytest
 def undrawn() -> Iterator[None]:
     """Nothing of the records is drawn meanwhile; all else of a report is written."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.figures.frf_figure", lambda *_: "")
-        patch.setattr("ident.figures.distortion_figure", lambda *_: None)
-        patch.setattr("ident.figures.summary_figure", lambda *_: "")
-        patch.setattr("ident.figures.sweep_figures", lambda *_: ())
+        patch.setattr("ident.reports.figures.frf_figure", lambda *_: "")
+        patch.setattr("ident.reports.figures.distortion_figure", lambda *_: None)
+        patch.setattr("ident.reports.figures.summary_figure", lambda *_: "")
+        patch.setattr("ident.reports.figures.sweep_figures", lambda *_: ())
         yield

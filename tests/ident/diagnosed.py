@@ -8,22 +8,22 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.added import Added
-from ident.arm_fit import chi_squared, hold
-from ident.bench import simulate
-from ident.campaign import Campaign
-from ident.coupled import declared_start, problem_of
-from ident.departures import Band, Departure, Errors, in_bands
-from ident.descent import minimise
-from ident.diagnose import Diagnosis
+from ident.arm.arm_fit import chi_squared, hold
+from ident.arm.coupled import declared_start, problem_of
+from ident.arm.descent import minimise
+from ident.arm.evidence import evidence, gravity_basis
+from ident.arm.parts import Split
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorStribeck
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
-from ident.held_out import held_out
-from ident.parts import Split
-from ident.refits import State
-from ident.trace import linearise, port_shares
+from ident.loop.diagnose import Diagnosis
+from ident.loop.held_out import held_out
+from ident.records.campaign import Campaign
+from ident.records.frf import estimate
+from ident.search.added import Added
+from ident.search.departures import Band, Departure, Errors, in_bands
+from ident.search.refits import State
+from ident.search.trace import linearise, port_shares
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from outside import OUTSIDE, OUTSIDE_RANGES
 
-from ident.bench import simulate
-from ident.campaign import Record
 from ident.effects.base import Effect, scale
 from ident.effects.catalogue import CATALOGUE, stiffness
 from ident.effects.motor import MotorCoupling
+from ident.records.campaign import Record
+from ident.simulator.bench import simulate
 from symgen.chain import Chain
 from symgen.robot import Robot
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.campaign import Record
 from ident.effects.base import Effect, Known
 from ident.effects.motion import Motion
-from ident.plant import Linear
+from ident.records.campaign import Record
+from ident.simulator.plant import Linear
 
 ALIASES = 16
 FINER = 4  # samples of the forces per sample of the record: laws with kinks have lines beyond Nyquist

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from ident.campaign import Campaign
-from ident.coupled import declared_start
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
-from ident.parts import Split
-from ident.refits import Bench
+from ident.arm.coupled import declared_start
+from ident.arm.evidence import evidence, gravity_basis
+from ident.arm.parts import Split
+from ident.records.campaign import Campaign
+from ident.records.frf import estimate
+from ident.search.refits import Bench
 from symgen.chain import Chain
 from symgen.plan import make_model
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.campaign import Record
-from ident.importing import Imported, import_files
-from ident.mapping import load_map
+from ident.machines.importing import Imported, import_files
+from ident.machines.mapping import load_map
+from ident.records.campaign import Record
 
 DATA = Path(os.environ.get("IDENT_DATA") or Path(__file__).parents[3] / "shared/data") / "motorbench"
 FILES = [DATA / "MultisineTypeA.mat", DATA / "MultisineTypeB.mat"]

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from ident.campaign import Campaign, Record
-from ident.frf import Detection, Frf
+from ident.records.campaign import Campaign, Record
+from ident.records.frf import Detection, Frf
 
 FS = 1000.0
 ENCODER = 2 * np.pi / 131072  # 17 bit
@@ -29,7 +29,7 @@ class Arm:
 
     @staticmethod
     def joint(J_m, K, J_l, D, D_spring, K_g, N=100.0):
-        """One flexible joint, in the order of the six parameters of ident.fit."""
+        """One flexible joint, in the order of the six parameters of ident.joint.fit."""
         vectors = (np.array([float(value)]) for value in (K, J_m, D, D_spring))
         return Arm(np.array([[float(J_l)]]), *vectors, K_g=np.array([[float(K_g)]]), N=np.array([float(N)]))
 
@@ -129,7 +129,7 @@ def campaign(arm, records=(), hold="zoh"):
 
 
 def measured(f, G, variance):
-    """A measured response: G [L] at f [L] with known variance [L], as `ident.frf.estimate` would hand it out."""
+    """A measured response: G [L] at f [L] with known variance [L], as `ident.records.frf.estimate` would hand it out."""
     L, zero = len(f), np.zeros(1)
     nothing = Detection(np.zeros(0, int), np.zeros(0), np.zeros(0, bool), np.zeros((0, 1)), np.zeros((0, 1)))
     return Frf("r0", "joint1", 0, zero, f, np.ones((L, 1), complex), G[:, None], np.zeros((7, L, 2), complex), variance,

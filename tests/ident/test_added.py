@@ -9,11 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import ident.added
-import ident.rounds
-from ident.added import Added, drawn_over, exchanged, outdone, pruned
-from ident.choice import Tried
-from ident.diagnose import _better
+import ident.search.added
+import ident.search.rounds
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.creeping import creeping
@@ -21,7 +18,10 @@ from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag
 from ident.effects.learned import learned
 from ident.effects.motor import InputDelay, TorqueLag
 from ident.effects.structure import LinkFlexibility
-from ident.refits import Refit, instead
+from ident.loop.diagnose import _better
+from ident.search.added import Added, drawn_over, exchanged, outdone, pruned
+from ident.search.choice import Tried
+from ident.search.refits import Refit, instead
 
 DOF, BASE = 1000, 3
 BENCH: Any = SimpleNamespace(split=SimpleNamespace(select=()), late=False, say=lambda line: None, at_first=0.0)
@@ -67,9 +67,9 @@ def test_what_was_tied_takes_the_place_of_what_leaves_more_once_more_is_known(
     def fitted(bench: Any, refits: list[Refit]) -> list[Any]:
         return [state(then, *refit.effects) for refit in refits]
 
-    monkeypatch.setattr(ident.added, "all_fitted", fitted)
-    monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
-    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.added, "all_fitted", fitted)
+    monkeypatch.setattr(ident.search.added, "degrees", lambda data: DOF)
+    monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     added = [entry(DELAY, state(400.0, LAG)), entry(DRY)]
     best, entries = exchanged(BENCH, state(now, DELAY, DRY), added)
     assert best.effects == ((LAG, DRY) if taken else (DELAY, DRY))
@@ -84,10 +84,10 @@ def test_beside_a_curve_a_name_is_exchanged_only_for_one_that_leaves_hardly_anyt
 ) -> None:
     curve = learned("spring", "velocity", [-1.0, 1.0])(2, (0.1, -0.1))
     monkeypatch.setattr(
-        ident.added, "all_fitted", lambda bench, refits: [state(then, *refit.effects) for refit in refits]
+        ident.search.added, "all_fitted", lambda bench, refits: [state(then, *refit.effects) for refit in refits]
     )
-    monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
-    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.added, "degrees", lambda data: DOF)
+    monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     added = [entry(DELAY, state(900.0, LAG)), entry(curve)]
     best, _ = exchanged(BENCH, state(750.0, DELAY, curve), added)
     assert best.effects == ((LAG, curve) if taken else (DELAY, curve))
@@ -105,9 +105,9 @@ def test_what_came_first_is_left_out_by_what_is_left_without_it_at_the_minimum(
     finely: float, closely: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     curve = learned("motor", "position", [-1.0, 1.0])(2, (0.1, -0.1))
-    monkeypatch.setattr(ident.added, "without", lambda bench, one, old: state(finely, DRY))
-    monkeypatch.setattr(ident.added, "fully", lambda bench, one: state(closely, *one.effects))
-    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.added, "without", lambda bench, one, old: state(finely, DRY))
+    monkeypatch.setattr(ident.search.added, "fully", lambda bench, one: state(closely, *one.effects))
+    monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     best, entries = pruned(BENCH, state(0.9, curve, DRY), [entry(curve), entry(DRY)])
     assert best.effects == ((curve, DRY) if kept else (DRY,)) == tuple(one.effect for one in entries)
 
@@ -116,9 +116,9 @@ def test_what_was_left_out_leaves_what_it_led_to_to_what_made_it_superfluous(mon
     """Found again later it is told once, and the arm without effects that it led to is not forgotten."""
     led, with_delay, other = state(60.0), state(9.0, DELAY), state(50.0, LAG)
     monkeypatch.setattr(
-        ident.added, "without", lambda bench, one, old: state(0.9 + 9.0 * (old is not DELAY), *one.effects[1:])
+        ident.search.added, "without", lambda bench, one, old: state(0.9 + 9.0 * (old is not DELAY), *one.effects[1:])
     )
-    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     first = replace(entry(DELAY), besides=led, partly=(other,))
     second, last = replace(entry(LAG), besides=with_delay), replace(entry(DRY), besides=with_delay)
     _, entries = pruned(BENCH, state(0.9, DELAY, LAG, DRY), [first, second, last])
@@ -129,8 +129,8 @@ def test_what_was_left_out_leaves_what_it_led_to_to_what_made_it_superfluous(mon
 def test_what_came_first_tells_what_the_declared_arm_left_to_what_made_it_superfluous(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(ident.added, "without", lambda bench, one, old: state(0.9, DRY))
-    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.added, "without", lambda bench, one, old: state(0.9, DRY))
+    monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     declared, later = (("motor", 2, 0.9),), (("link", 2, 0.4),)
     added = [replace(entry(DELAY), before=0.3, port_shares=declared), replace(entry(DRY), port_shares=later)]
     _, (one,) = pruned(BENCH, state(0.9, DELAY, DRY), added)
@@ -148,17 +148,17 @@ def test_an_effect_to_which_another_only_led_is_told_by_what_the_arm_without_bot
         "_entry": lambda bench, less, new, gain, tried, lin, effect: lin,
     }  # fmt: skip
     for name, fake in fakes.items():
-        monkeypatch.setattr(ident.rounds, name, fake)
-    found = ident.rounds._with_second(BENCH, state(90.0), lead, (), (), before)
+        monkeypatch.setattr(ident.search.rounds, name, fake)
+    found = ident.search.rounds._with_second(BENCH, state(90.0), lead, (), (), before)
     assert found == (alone, [before])
 
 
 def test_a_curve_that_bends_once_another_effect_is_left_out_is_still_told(monkeypatch: pytest.MonkeyPatch) -> None:
     curve, bends = (learned("motor", "position", [-1.0, 1.0], bends=b)(2, (0.1, -0.1)) for b in (False, True))
     earlier = learned("motor", "friction", [0.0])(2, (0.1,))
-    monkeypatch.setattr(ident.added, "without", lambda bench, one, old: state(1.5, curve))
-    monkeypatch.setattr(ident.added, "fully", lambda bench, one: state(0.9, bends))
-    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.added, "without", lambda bench, one, old: state(1.5, curve))
+    monkeypatch.setattr(ident.search.added, "fully", lambda bench, one: state(0.9, bends))
+    monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     best, entries = pruned(BENCH, state(0.9, earlier, curve), [entry(earlier), entry(curve)])
     assert best.effects == (bends,) == tuple(one.effect for one in entries)
 
@@ -185,11 +185,11 @@ def test_friction_whose_creep_was_fitted_is_no_learned_friction_of_one_height(mo
     named, curve = creeping(MotorCoulomb(2, (0.1,)), -0.4), learned("motor", "position", [-1.0, 1.0])(2, (0.1, -0.1))
     drawn = learned("motor", "sliding", [-1.0, 1.0])(2, (0.1, 0.1))
     less = state(60.0, curve)
-    monkeypatch.setattr(ident.added, "linearised", lambda problem, vector: None)
-    monkeypatch.setattr(ident.added, "curves", lambda lin, workers: [SimpleNamespace(effect=drawn)])
-    monkeypatch.setattr(ident.added, "refitted", lambda *of: [Tried(None, state(0.9, curve, drawn))])
-    monkeypatch.setattr(ident.added, "fully", lambda bench, one: one)
-    monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
+    monkeypatch.setattr(ident.search.added, "linearised", lambda problem, vector: None)
+    monkeypatch.setattr(ident.search.added, "curves", lambda lin, workers: [SimpleNamespace(effect=drawn)])
+    monkeypatch.setattr(ident.search.added, "refitted", lambda *of: [Tried(None, state(0.9, curve, drawn))])
+    monkeypatch.setattr(ident.search.added, "fully", lambda bench, one: one)
+    monkeypatch.setattr(ident.search.added, "degrees", lambda data: DOF)
     both, entries = state(0.9, named, curve), [entry(named), entry(curve)]
     best, told = drawn_over(whole_bench(), both, less, named, entries)
     assert best.effects == (curve, drawn) and [one.effect for one in told] == [drawn, curve]
@@ -198,10 +198,10 @@ def test_friction_whose_creep_was_fitted_is_no_learned_friction_of_one_height(mo
 def test_a_second_name_in_the_heights_of_a_curve_is_of_the_curves_entry(monkeypatch: pytest.MonkeyPatch) -> None:
     """After the first one the curve's entry is not the last."""
     named, curve = MotorQuadraticDrag(2, (3.0,)), learned("motor", "velocity", [-1.0, 1.0])(2, (0.1, -0.1))
-    monkeypatch.setattr(ident.added, "fitted", lambda bench, refit: state(0.9, *refit.effects))
-    monkeypatch.setattr(ident.added, "fully", lambda bench, one: one)
-    monkeypatch.setattr(ident.added, "degrees", lambda data: DOF)
-    monkeypatch.setattr(ident.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.added, "fitted", lambda bench, refit: state(0.9, *refit.effects))
+    monkeypatch.setattr(ident.search.added, "fully", lambda bench, one: one)
+    monkeypatch.setattr(ident.search.added, "degrees", lambda data: DOF)
+    monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     entries = [replace(entry(curve), gain=5.0), replace(entry(named), gain=3.0)]
     best, (one,) = drawn_over(whole_bench(), state(0.9, named, curve), state(9.0, curve), named, entries)
     assert best.effects == (one.effect,) == (curve,) and one.gain == 8.0

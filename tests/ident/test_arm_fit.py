@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from diagnosed import CELLS, ROOT, diagnosis
 
-from ident.arm_fit import Problem, hold, residual
-from ident.bench import simulate
-from ident.campaign import Array, Campaign
-from ident.coupled import Start, declared_start, problem_of
-from ident.descent import _by_compliance, _further, _step, _taken, minimise
+from ident.arm.arm_fit import Problem, hold, residual
+from ident.arm.coupled import Start, declared_start, problem_of
+from ident.arm.descent import _by_compliance, _further, _step, _taken, minimise
+from ident.arm.evidence import Evidence, evidence, gravity_basis
+from ident.arm.sums import Sums
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import Motion
 from ident.effects.response import response
 from ident.effects.sensor import JointZeroOffset
 from ident.effects.structure import BaseCompliance, LinkFlexibility
-from ident.evidence import Evidence, evidence, gravity_basis
-from ident.frf import estimate
-from ident.sums import Sums
+from ident.records.campaign import Array, Campaign
+from ident.records.frf import estimate
+from ident.simulator.bench import simulate
 from symgen.plan import Model, chain_of_robot, make_model
 from symgen.robot import load_robot
 
@@ -281,7 +281,7 @@ class Valley(Sums):
 
 def along_a_line(monkeypatch: pytest.MonkeyPatch, sums: type[Valley]) -> Problem:
     """A problem of one parameter that leaves what `sums` say."""
-    monkeypatch.setattr("ident.descent.summed", lambda problem: nullcontext(sums(problem, None, [])))
+    monkeypatch.setattr("ident.arm.descent.summed", lambda problem: nullcontext(sums(problem, None, [])))
     one = np.ones(1)
     return Problem((), 0, 0, 1, (), one, -9.0 * one, 9.0 * one, one > 0.0, lambda scene, q: scene)
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from diagnosed import JOINT, diagnosis, unexplained
 
-from ident.artefacts import artefacts
-from ident.departures import Band
-from ident.diagnosis_json import verdict_document
-from ident.diagnosis_report import sensor_artefacts
-from ident.evidence import Evidence
+from ident.arm.evidence import Evidence
+from ident.loop.artefacts import artefacts
+from ident.loop.diagnosis_json import verdict_document
+from ident.loop.diagnosis_report import sensor_artefacts
+from ident.search.departures import Band
 
 BANDS = [Band(1.0, 10.0), Band(10.0, 100.0)]
 #: The torque that the sensor makes up at even lines, in shares of that at the excited ones.

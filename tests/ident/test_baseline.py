@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from diagnosed import diagnosis
 
-from ident.baseline import declared_by
 from ident.errors import IdentError
+from ident.loop.baseline import declared_by
 from symgen.plan import model_of_urdf
 
 

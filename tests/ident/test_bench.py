@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import expm
 
-from ident.bench import TORQUE_SHARE, head, prepare, simulate
-from ident.campaign import Campaign, Record
 from ident.errors import ExperimentError
+from ident.records.campaign import Campaign, Record
+from ident.simulator.bench import TORQUE_SHARE, head, prepare, simulate
 from symgen.chain import Chain, Inertia
 from symgen.plan import make_model, model_of_urdf
 from symgen.robot import Drive, Experiment, Robot, load_robot

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from ident.canvas import drawing, logarithmic
+from ident.reports.canvas import drawing, logarithmic
 
 
 @pytest.mark.parametrize(

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from diagnosed import ROOT
 
-from ident.bench import simulate
-from ident.diagnose import Begun, begin
 from ident.effects.base import Effect, Known
 from ident.effects.carried import Carrying, carrying, of_declared_links, shown
 from ident.effects.friction import LinkViscous
 from ident.effects.structure import BaseCompliance, LinkFlexibility, all_that_gives
-from ident.frf import estimate
-from ident.minima import _carrying, links_anew
-from ident.refits import Refit, fitted, on_declared_links, reduced_chi2
+from ident.loop.diagnose import Begun, begin
+from ident.records.frf import estimate
+from ident.search.minima import _carrying, links_anew
+from ident.search.refits import Refit, fitted, on_declared_links, reduced_chi2
+from ident.simulator.bench import simulate
 from symgen.chain import Chain, Inertia
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot

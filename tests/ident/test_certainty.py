@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.certainty import HARDLY, certainty, thin
+from ident.joint.certainty import HARDLY, certainty, thin
 from symgen.plan import Model, make_model
 from symgen.urdf import load_chain
 

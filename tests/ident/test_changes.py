@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.changes import not_closer, since, told_of, untold_changes
 from ident.effects.declared import ChangeBetweenRecords
 from ident.effects.spring import Backlash
+from ident.search.changes import not_closer, since, told_of, untold_changes
 
 #: The fifth record is the first that has changed; the first value of the arm, and that of an effect before it.
 CHANGED, ARM, PLAY = 4, (7.0, 8.0), (1e-5,)
@@ -44,8 +44,8 @@ def shows(monkeypatch: pytest.MonkeyPatch) -> dict[int, float]:
         wrong = [one.index for one in data if (one.index >= vector[3] - 1) != (one.index >= CHANGED)]
         return sum(much.get(k, 1e4) for k in wrong)
 
-    monkeypatch.setattr("ident.changes._left", left)
-    monkeypatch.setattr("ident.changes.replace", lambda of, **new: Stand(**(vars(of) | new)))
+    monkeypatch.setattr("ident.search.changes._left", left)
+    monkeypatch.setattr("ident.search.changes.replace", lambda of, **new: Stand(**(vars(of) | new)))
     return much
 
 

@@ -6,8 +6,8 @@ from itertools import product
 
 import pytest
 
-from ident.confounded import CHANGES, FAMILIES, NEVER, RECIPES, TABLE, UNPLAYED, never_told_apart, separation
 from ident.effects.catalogue import CATALOGUE
+from ident.loop.confounded import CHANGES, FAMILIES, NEVER, RECIPES, TABLE, UNPLAYED, never_told_apart, separation
 
 NAMES = [*CATALOGUE, "unknown"]
 

@@ -10,16 +10,16 @@ import pytest
 from scipy.stats import chi2
 from synthetic import ENCODER, FS, Arm, campaign, record
 
-from ident.arm_model import Parameters, Posture, Sampling, motion, motion_and_derivatives
-from ident.bench import simulate
-from ident.campaign import Campaign
-from ident.certainty import certainty
-from ident.coupled import CoupledFit, Start, fit_coupled
+from ident.arm.arm_model import Parameters, Posture, Sampling, motion, motion_and_derivatives
+from ident.arm.coupled import CoupledFit, Start, fit_coupled
+from ident.arm.evidence import evidence, gravity_basis
 from ident.errors import IdentError
-from ident.evidence import evidence, gravity_basis
-from ident.fit import two_mass
-from ident.frf import BINS, ORDER, estimate
-from ident.solve import inertia_std
+from ident.joint.certainty import certainty
+from ident.joint.fit import two_mass
+from ident.joint.solve import inertia_std
+from ident.records.campaign import Campaign
+from ident.records.frf import BINS, ORDER, estimate
+from ident.simulator.bench import simulate
 from symgen.plan import Model, chain_of_robot, make_model
 from symgen.robot import load_robot
 from symgen.urdf import load_chain

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.bench import simulate
-from ident.campaign import Campaign
-from ident.candidates import best_of
-from ident.diagnose import Begun, begin
 from ident.effects.creeping import Creeping, creeping
 from ident.effects.friction import MotorCoulomb, MotorStribeck
 from ident.effects.motion import CREEP, State
-from ident.frf import estimate
-from ident.minima import as_declared, crept
-from ident.refits import FINELY, Refit, fitted, linearised, reduced_chi2
+from ident.loop.diagnose import Begun, begin
+from ident.records.campaign import Campaign
+from ident.records.frf import estimate
+from ident.search.candidates import best_of
+from ident.search.minima import as_declared, crept
+from ident.search.refits import FINELY, Refit, fitted, linearised, reduced_chi2
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.departures import groups, in_bands
+from ident.search.departures import groups, in_bands
 
 
 def test_lines_above_the_last_edge_depart_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -19,9 +19,11 @@ def test_lines_above_the_last_edge_depart_too(monkeypatch: pytest.MonkeyPatch) -
     scene = SimpleNamespace(lines=np.arange(1, len(f) + 1), arm=SimpleNamespace(live=np.array([0])))
     one: Any = SimpleNamespace(index=0, scene=scene, is_excited=every, use=every, sampling=SimpleNamespace(f=f))
     r = np.where(f >= 1000.0, 100.0, 0.1)[:, None] + 0j
-    monkeypatch.setattr("ident.departures.replace", lambda problem, **of: problem)
-    monkeypatch.setattr("ident.departures.hold", lambda *of: [SimpleNamespace(W=np.ones((len(f), 1, 1)), moved=None)])
-    monkeypatch.setattr("ident.departures.residual", lambda *of: (r,))
+    monkeypatch.setattr("ident.search.departures.replace", lambda problem, **of: problem)
+    monkeypatch.setattr(
+        "ident.search.departures.hold", lambda *of: [SimpleNamespace(W=np.ones((len(f), 1, 1)), moved=None)]
+    )
+    monkeypatch.setattr("ident.search.departures.residual", lambda *of: (r,))
     state: Any = SimpleNamespace(problem=None, minimum=SimpleNamespace(vector=None))
     ((record, joint, band, kind, level, power),) = groups(state, [one])
     assert (record, joint, tuple(band), band.name, kind) == (0, 0, (1000.0, inf), "above 1000 Hz", "excited")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from vendor import NAMES, write_robot
 
-from ident.bench import design, head, run
-from ident.design import ABOVE, DELAY, DISTANCE, KNEE_SHARE, Setup, prepare, summary
-from ident.dob import Margins, Servo, close_loop, margins
 from ident.errors import ExperimentError
-from ident.frf import estimate
-from ident.plant import build_plant, linearise
+from ident.records.frf import estimate
+from ident.simulator.bench import design, head, run
+from ident.simulator.design import ABOVE, DELAY, DISTANCE, KNEE_SHARE, Setup, prepare, summary
+from ident.simulator.dob import Margins, Servo, close_loop, margins
+from ident.simulator.plant import build_plant, linearise
 from symgen.chain import Chain
 from symgen.plan import chain_of_robot
 from symgen.robot import Robot, load_robot

@@ -8,21 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.arm_fit import Problem
-from ident.bench import simulate
-from ident.campaign_model import model_of_campaign
-from ident.contradicted import Off, contradicted, is_shapeless, merged, standard_deviations
-from ident.descent import Minimum
-from ident.deviations import NAMES, Change, Deviation, Part, _bodies, deviations
-from ident.diagnose import Begun, begin
+from ident.arm.arm_fit import Problem
+from ident.arm.descent import Minimum
+from ident.arm.evidence import gravity_basis
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.declared import GravityStiffness
 from ident.effects.link import CableStiffness
 from ident.effects.structure import LinkFlexibility
-from ident.evidence import gravity_basis
-from ident.frf import estimate
-from ident.refits import State
+from ident.identification.campaign_model import model_of_campaign
+from ident.loop.diagnose import Begun, begin
+from ident.records.frf import estimate
+from ident.search.contradicted import Off, contradicted, is_shapeless, merged, standard_deviations
+from ident.search.deviations import NAMES, Change, Deviation, Part, _bodies, deviations
+from ident.search.refits import State
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import Robot, load_robot
 

@@ -12,16 +12,12 @@ import diagnosed as by_hand
 import numpy as np
 import pytest
 
-import ident.diagnose
-import ident.rest
-from ident.added import Added, renamed
-from ident.arm_fit import hold
-from ident.bench import simulate
-from ident.campaign import Array, Campaign
-from ident.candidates import catalogue, otherwise
-from ident.coupled import declared_start
-from ident.departures import groups
-from ident.diagnose import Begun, Diagnosis, _better, _loop, _resumed, begin, diagnose
+import ident.loop.diagnose
+import ident.search.rest
+from ident.arm.arm_fit import hold
+from ident.arm.coupled import declared_start
+from ident.arm.evidence import evidence, gravity_basis
+from ident.arm.parts import Split, split, split_lines, united
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.friction import LinkViscous, MotorCoulomb
@@ -29,12 +25,16 @@ from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.learned import learned
 from ident.effects.ringing import Ringing
 from ident.effects.spring import Backlash
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
-from ident.parts import Split, split, split_lines, united
-from ident.refits import HASTILY, Bench, Refit, State, fitted, linearised, reduced_chi2
-from ident.rest import _fits_alone, _hardly_chooses, is_little, is_of_one_joint, may_be_bent, share_left
-from ident.trace import linearise
+from ident.loop.diagnose import Begun, Diagnosis, _better, _loop, _resumed, begin, diagnose
+from ident.records.campaign import Array, Campaign
+from ident.records.frf import estimate
+from ident.search.added import Added, renamed
+from ident.search.candidates import catalogue, otherwise
+from ident.search.departures import groups
+from ident.search.refits import HASTILY, Bench, Refit, State, fitted, linearised, reduced_chi2
+from ident.search.rest import _fits_alone, _hardly_chooses, is_little, is_of_one_joint, may_be_bent, share_left
+from ident.search.trace import linearise
+from ident.simulator.bench import simulate
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -50,7 +50,7 @@ DRAWN = learned("motor", "velocity", [-1.0, 1.0])(0, (0.1, -0.1))
 def _instead(monkeypatch: pytest.MonkeyPatch, stand_ins: dict[str, Any]) -> None:
     """Puts functions in the places of those that the loop and its judgement of what is left call."""
     for name, stand_in in stand_ins.items():
-        for module in (ident.diagnose, ident.rest):
+        for module in (ident.loop.diagnose, ident.search.rest):
             if hasattr(module, name):
                 monkeypatch.setattr(module, name, stand_in)
 
@@ -279,7 +279,7 @@ def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
         "told_of": lambda *of: (),
     }
     _instead(monkeypatch, stand_ins)
-    monkeypatch.setattr("ident.refits.degrees", lambda data: 1)
+    monkeypatch.setattr("ident.search.refits.degrees", lambda data: 1)
     told = Begun((), (), bench, first).diagnosed()  # type: ignore[arg-type]
     assert (told.end is other, told.split.note) == (lines, "lines" if lines else "")
 
@@ -330,9 +330,9 @@ def test_two_arms_are_compared_by_the_same_parts_of_the_records(
     """But by lines where its own records tell one too little."""
     arm = SimpleNamespace(vector=np.ones(4))
     end: Any = SimpleNamespace(effects=(), minimum=arm, problem=SimpleNamespace(base=4))
-    monkeypatch.setattr("ident.diagnose.some", lambda end, keep: Refit(arm.vector, (), (), ()))
-    monkeypatch.setattr("ident.diagnose.all_fitted", lambda bench, refits: [SimpleNamespace(select=1.0)])
-    monkeypatch.setattr("ident.diagnose.fitted", lambda bench, refit: None)
+    monkeypatch.setattr("ident.loop.diagnose.some", lambda end, keep: Refit(arm.vector, (), (), ()))
+    monkeypatch.setattr("ident.loop.diagnose.all_fitted", lambda bench, refits: [SimpleNamespace(select=1.0)])
+    monkeypatch.setattr("ident.loop.diagnose.fitted", lambda bench, refit: None)
     monkeypatch.setattr(Refit, "of", lambda state: state)
     data: Any = tuple(Piece(k, "own") for k in range(3))
     one, two, three = data
@@ -365,7 +365,7 @@ def test_records_that_fit_but_explain_no_others_tell_too_little_and_those_that_s
     fit: float, chosen: float, alone: bool, blind: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in ("rest", "refits"):
-        monkeypatch.setattr(f"ident.{module}.degrees", lambda data: 1)
+        monkeypatch.setattr(f"ident.search.{module}.degrees", lambda data: 1)
     bench: Any = SimpleNamespace(split=SimpleNamespace(fit=(), select=()))
     state: Any = SimpleNamespace(select=chosen, minimum=SimpleNamespace(chi2=fit))
     assert _fits_alone(bench, state) == alone and _hardly_chooses(bench, state) == blind
@@ -373,7 +373,7 @@ def test_records_that_fit_but_explain_no_others_tell_too_little_and_those_that_s
 
 def test_what_the_records_that_fit_still_leave_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of an effect that the choosing records do not show, their chi^2 tells no share."""
-    monkeypatch.setattr("ident.rest.degrees", lambda data: 1000)
+    monkeypatch.setattr("ident.search.rest.degrees", lambda data: 1000)
     bench: Any = SimpleNamespace(split=SimpleNamespace(fit=(), select=()))
     start, state = (
         cast(Any, SimpleNamespace(select=chosen, minimum=SimpleNamespace(chi2=fit)))
@@ -421,8 +421,8 @@ def test_lines_of_every_record_begin_with_what_was_found_where_that_leaves_littl
 def test_a_little_of_what_a_curve_draws_is_always_left(
     effect: Effect, left: float, little: bool, bent: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ident.rest.reduced_chi2", lambda bench, state: state.left)
-    monkeypatch.setattr("ident.rest.is_little", lambda bench, start, state: little)
+    monkeypatch.setattr("ident.search.rest.reduced_chi2", lambda bench, state: state.left)
+    monkeypatch.setattr("ident.search.rest.is_little", lambda bench, start, state: little)
     state: Any = SimpleNamespace(left=left, effects=(effect,))
     assert may_be_bent(state, state, state) == bent
 
@@ -439,8 +439,8 @@ def test_a_little_of_what_a_curve_draws_is_always_left(
 def test_what_bends_the_whole_arm_is_not_named_where_one_joint_would_explain_more(
     joint: int | None, left: float, by_port: float, of_one: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ident.rest.reduced_chi2", lambda bench, state: state.left)
-    monkeypatch.setattr("ident.rest.share_left", lambda bench, start, state: state.left / start.left)
+    monkeypatch.setattr("ident.search.rest.reduced_chi2", lambda bench, state: state.left)
+    monkeypatch.setattr("ident.search.rest.share_left", lambda bench, start, state: state.left / start.left)
     bench, start = SimpleNamespace(model=SimpleNamespace(chain=SimpleNamespace(n=3))), SimpleNamespace(left=1e4)
     state = SimpleNamespace(left=left)
     added = [
@@ -514,10 +514,10 @@ def test_more_is_left_of_a_motion_that_may_not_be_found(
 ) -> None:
     """Six noise powers: of play it may be its own motion, of much dry friction how it creeps; of a hysteresis, whose motion is found, it is
     another effect's."""
-    monkeypatch.setattr("ident.rest.reduced_chi2", lambda bench, state: state.select)
+    monkeypatch.setattr("ident.search.rest.reduced_chi2", lambda bench, state: state.select)
     monkeypatch.setattr(
-        "ident.rest.share_left", lambda bench, start, state: (state.select - 1.0) / (start.select - 1.0)
+        "ident.search.rest.share_left", lambda bench, start, state: (state.select - 1.0) / (start.select - 1.0)
     )
-    monkeypatch.setattr("ident.rest._fitting", lambda bench, state: state.select)
+    monkeypatch.setattr("ident.search.rest._fitting", lambda bench, state: state.select)
     start, state = (SimpleNamespace(select=left, effects=(effect,)) for left in (of, 6.0))
     assert is_little(SimpleNamespace(), start, state) == little

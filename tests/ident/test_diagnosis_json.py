@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from diagnosed import JOINT, LEVEL, REPORT, SELECT, diagnosis, unexplained
 
-from ident.contradicted import Off
-from ident.coupled import uncertainty
-from ident.deviations import Deviation
-from ident.diagnosis_json import _confounded, result_document, verdict_document, write
+from ident.arm.coupled import uncertainty
+from ident.arm.parts import degrees, lines_of
 from ident.effects.learned import learned
 from ident.effects.motor import TorqueRipple
 from ident.errors import IdentError
-from ident.parts import degrees, lines_of
+from ident.loop.diagnosis_json import _confounded, result_document, verdict_document, write
+from ident.search.contradicted import Off
+from ident.search.deviations import Deviation
 
 KEYS = {"format", "version", "input", "status", "declared", "effects", "error", "inertia", "drives", "unexplained"}
 EFFECT = {"name", "joint", "port", "parameters", "before", "after", "evidence", "rivals", "confounded_with"}
@@ -42,7 +42,7 @@ def blind(d, name):
 
 def test_records_that_an_error_leaves_out_are_named(file, monkeypatch):
     d = diagnosis()
-    monkeypatch.setattr("ident.diagnosis_json.told_of", lambda split, state, data: data[1:])
+    monkeypatch.setattr("ident.loop.diagnosis_json.told_of", lambda split, state, data: data[1:])
     out, *kept = [d.campaign.records[one.index].id for one in d.split.report]
     split = verdict_document(d, [file])["error"]["split"]
     assert split["report"] == kept and f"{out} left out" in split["note"]
@@ -181,7 +181,8 @@ def test_what_a_model_is_known_to_is_asked_once(file, monkeypatch):
     """Of the model before and of the one after, whichever documents are made of them."""
     d, asked = blind(diagnosis(), "alpha_13"), []
     monkeypatch.setattr(
-        "ident.diagnosis_json.uncertainty", lambda problem, found: (asked.append(found), uncertainty(problem, found))[1]
+        "ident.loop.diagnosis_json.uncertainty",
+        lambda problem, found: (asked.append(found), uncertainty(problem, found))[1],
     )
     verdict_document(d, [file])
     result_document(d, {})

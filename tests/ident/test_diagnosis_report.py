@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from diagnosed import JOINT, diagnosis, unexplained
 
-from ident.contradicted import Off
-from ident.deviations import Deviation
-from ident.diagnose import status_of
-from ident.diagnosis_json import verdict_document
-from ident.diagnosis_report import html, not_held_out, sentence, text, todo
 from ident.effects.crosstalk import crosstalk
 from ident.effects.learned import learned
 from ident.effects.memory import remembering
 from ident.effects.motor import InputDelay
 from ident.effects.response import response
 from ident.effects.ringing import Ringing
-from ident.held_out import felt
+from ident.loop.diagnose import status_of
+from ident.loop.diagnosis_json import verdict_document
+from ident.loop.diagnosis_report import html, not_held_out, sentence, text, todo
+from ident.loop.held_out import felt
+from ident.search.contradicted import Off
+from ident.search.deviations import Deviation
 
 HOSTILE = "<script>alert(1)</script> {{ 7 }} & co"
 

@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from ident.dob import GRAVITY_ERROR, GRAVITY_MARGIN, Servo, check_stable, close_loop, controller, hold_servo, lock_servo
 from ident.errors import ExperimentError
+from ident.simulator.dob import (
+    GRAVITY_ERROR,
+    GRAVITY_MARGIN,
+    Servo,
+    check_stable,
+    close_loop,
+    controller,
+    hold_servo,
+    lock_servo,
+)
 
 TS = 1e-3
 EPS = np.finfo(float).eps

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.drive import share
-from ident.fit import PARAMETERS, TwoMass
+from ident.joint.drive import share
+from ident.joint.fit import PARAMETERS, TwoMass
 
 TRUE = {"J_m": 4e-5, "K": 5500.0, "D": 1e-5, "D_spring": 1.0, "K_g": 0.0}
 J_L = (0.7, 0.3, 0.0152)

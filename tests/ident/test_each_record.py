@@ -10,24 +10,24 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from ident.added import Added
-from ident.bench import simulate
-from ident.candidates import best_of
-from ident.changes import told_of
-from ident.diagnose import Diagnosis, begin
-from ident.diagnosis_figures import record_figure
-from ident.diagnosis_json import _of_place
-from ident.each_record import in_each_record
-from ident.effect_words import meaning, values
+from ident.arm.evidence import Evidence
+from ident.arm.parts import Split, split_lines
 from ident.effects.base import Effect, only_shares
 from ident.effects.by_record import by_record
 from ident.effects.declared import ChangeBetweenRecords, DriftOverRecords
 from ident.effects.friction import MotorCoulomb
-from ident.evidence import Evidence
-from ident.frf import estimate
-from ident.parts import Split, split_lines
-from ident.refits import linearised, reduced_chi2, without_effects
-from ident.tried import refitted
+from ident.loop.diagnose import Diagnosis, begin
+from ident.loop.diagnosis_figures import record_figure
+from ident.loop.diagnosis_json import _of_place
+from ident.loop.effect_words import meaning, values
+from ident.records.frf import estimate
+from ident.search.added import Added
+from ident.search.candidates import best_of
+from ident.search.changes import told_of
+from ident.search.each_record import in_each_record
+from ident.search.refits import linearised, reduced_chi2, without_effects
+from ident.search.tried import refitted
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 

@@ -10,13 +10,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import ident.either_model
-from ident.bench import simulate
-from ident.campaign import Campaign
-from ident.diagnose import begin
+import ident.loop.either_model
 from ident.effects.motor import InputDelay
-from ident.either_model import diagnose_either
-from ident.refits import reduced_chi2
+from ident.loop.diagnose import begin
+from ident.loop.either_model import diagnose_either
+from ident.records.campaign import Campaign
+from ident.search.refits import reduced_chi2
+from ident.simulator.bench import simulate
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -70,11 +70,11 @@ class Left:
 def _stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stand-in of a model is what it leaves."""
     monkeypatch.setattr(
-        ident.either_model,
+        ident.loop.either_model,
         "reduced_chi2",
         lambda bench, state: state if isinstance(state, float) else reduced_chi2(bench, state),
     )
-    monkeypatch.setattr(ident.either_model, "far_from_zero", lambda general, symmetric, end: end.far)
+    monkeypatch.setattr(ident.loop.either_model, "far_from_zero", lambda general, symmetric, end: end.far)
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def test_what_takes_fewer_numbers_is_taken(
             departs=not alone, alone=9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside), bench=bench
         )
 
-    monkeypatch.setattr(ident.either_model, "begin", begun)
+    monkeypatch.setattr(ident.loop.either_model, "begin", begun)
     found, notes = diagnose_either(campaign(0.0, 1), believe)
     assert bool(found.model.factoring.believed) == believed and len(runs) == tried
     assert bool(notes) == (believed and believe is None)
@@ -142,7 +142,7 @@ def test_what_has_fewer_causes_is_taken(
         found = Left(model, 1.0, int(zeros), by_zeros if zeros else by_general, far)
         return SimpleNamespace(departs=False, alone=1.0, diagnosed=lambda *_: found)
 
-    monkeypatch.setattr(ident.either_model, "begin", begun)
+    monkeypatch.setattr(ident.loop.either_model, "begin", begun)
     assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
 
 
@@ -164,7 +164,7 @@ def test_links_that_do_without_two_effects_are_taken(
         found.end.effects *= effects if model.factoring.believed else by_general
         return SimpleNamespace(departs=True, alone=9.0, diagnosed=lambda *_: found, beside=left)
 
-    monkeypatch.setattr(ident.either_model, "begin", begun)
+    monkeypatch.setattr(ident.loop.either_model, "begin", begun)
     assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
 
 
@@ -205,8 +205,8 @@ def test_links_that_leave_far_less_without_effects_come_first(
             bench=bench,
         )
 
-    monkeypatch.setattr(ident.either_model, "begin", begun)
-    monkeypatch.setattr(ident.either_model, "one_more", lambda bench, state: named)
+    monkeypatch.setattr(ident.loop.either_model, "begin", begun)
+    monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: named)
     found = diagnose_either(campaign(0.0, 1))[0]
     assert runs == order and bool(found.model.factoring.believed) == believed
 
@@ -231,8 +231,8 @@ def test_what_general_links_explain_far_better_and_no_name_is_theirs(
             departs=True, alone=9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside), bench=bench
         )
 
-    monkeypatch.setattr(ident.either_model, "begin", begun)
-    monkeypatch.setattr(ident.either_model, "one_more", lambda bench, state: named)
+    monkeypatch.setattr(ident.loop.either_model, "begin", begun)
+    monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: named)
     diagnose_either(campaign(0.0, 1))
     assert asked == [gives_way]
 
@@ -249,7 +249,7 @@ def test_a_search_that_was_ended_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
         bench = SimpleNamespace(late=True)
         return SimpleNamespace(departs=True, alone=9.0, diagnosed=lambda *_: found, beside=None, bench=bench)
 
-    monkeypatch.setattr(ident.either_model, "begin", begun)
+    monkeypatch.setattr(ident.loop.either_model, "begin", begun)
     _, notes = diagnose_either(campaign(0.0, 1), seconds=0.0)
     assert "ended after 0 s" in notes[-1] and len(set(ends)) == 1
     assert not any("ended" in note for note in diagnose_either(campaign(0.0, 1), True)[1])

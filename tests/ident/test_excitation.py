@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.errors import ExperimentError
-from ident.excitation import GROUP, KNEE, Multisine, random_phase_odd, schroeder, synthesise
+from ident.records.excitation import GROUP, KNEE, Multisine, random_phase_odd, schroeder, synthesise
 
 FS, F0, BAND = 1000.0, 0.1, (0.1, 120.0)
 ROUNDING = 1e-10  # relative to the peak: 600 cosines with arguments up to 7e3 rad

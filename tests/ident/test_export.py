@@ -18,14 +18,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ident.bench import simulate
-from ident.campaign import Campaign, Record
 from ident.cli import main
 from ident.errors import IdentError
-from ident.export import read, write_files, write_identified
-from ident.identified import Identified, of_identification, of_parts
-from ident.identify import identify
-from ident.plant import build_plant
+from ident.identification.export import read, write_files, write_identified
+from ident.identification.identified import Identified, of_identification, of_parts
+from ident.identification.identify import identify
+from ident.records.campaign import Campaign, Record
+from ident.simulator.bench import simulate
+from ident.simulator.plant import build_plant
 from symgen.chain import Chain
 from symgen.plan import chain_of_robot, model_of_urdf
 from symgen.robot import load_robot

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.bench import design, head, run, simulate
-from ident.campaign import Campaign, Record
 from ident.effects.catalogue import parse
 from ident.errors import IdentError
-from ident.faults import FLAG, REFUSE, Fault, doubtful_ratio, faults, refuse
-from ident.identify import identify
-from ident.signal_faults import flat_top, jumps, stuck
+from ident.identification.identify import identify
+from ident.records.campaign import Campaign, Record
+from ident.records.faults import FLAG, REFUSE, Fault, doubtful_ratio, faults, refuse
+from ident.records.signal_faults import flat_top, jumps, stuck
+from ident.simulator.bench import design, head, run, simulate
 from symgen.chain import Chain, Inertia
 from symgen.plan import chain_of_robot, model_of_urdf
 from symgen.robot import Robot, load_robot

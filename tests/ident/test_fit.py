@@ -9,8 +9,8 @@ from scipy.stats import chi2
 from synthetic import FS, YPP, Arm, campaign, measured, plants, record
 
 from ident.errors import IdentError
-from ident.fit import PARAMETERS, chi2_limit, predict, three_point, two_mass, two_mass_frequencies
-from ident.frf import estimate
+from ident.joint.fit import PARAMETERS, chi2_limit, predict, three_point, two_mass, two_mass_frequencies
+from ident.records.frf import estimate
 
 N = 100.0
 ODD = np.arange(1, 1201, 2) * 0.1

@@ -16,13 +16,13 @@ from mcap.writer import Writer as McapWriter
 from scipy.io import savemat
 from test_importing import NAMED, SIDE_BY_SIDE, brought, columns, csv, same, settled
 
-from ident.campaign import Record
 from ident.errors import ImportingError
-from ident.guess import guess
-from ident.importing import import_files
-from ident.mapping import load_map
-from ident.periodic import find_lines, find_period
-from ident.readers import read_variables
+from ident.machines.guess import guess
+from ident.machines.importing import import_files
+from ident.machines.mapping import load_map
+from ident.machines.readers import read_variables
+from ident.records.campaign import Record
+from ident.records.periodic import find_lines, find_period
 
 STAMPED = NAMED + 'time = {name = "t", unit = "s"}\n'
 START = 1_700_000_000 * 10**9

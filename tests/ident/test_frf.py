@@ -9,8 +9,8 @@ import pytest
 from synthetic import ENCODER, FS, YPP, Arm, campaign, record
 
 from ident.errors import CampaignError
-from ident.fit import chi2_limit, two_mass_frequencies
-from ident.frf import BINS, ORDER, estimate, moving_average, noise_dof
+from ident.joint.fit import chi2_limit, two_mass_frequencies
+from ident.records.frf import BINS, ORDER, estimate, moving_average, noise_dof
 
 JOINT = Arm.joint(J_m=4e-5, K=4500, J_l=0.6929, D=3e-5, D_spring=1.1, K_g=-8)
 SOFT = [[0.002, 0.001]]  # holds JOINT with 20 N m/rad joint side, more than its gravity stiffness

@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 from outside import OUTSIDE
 
-from ident.apart import apart
-from ident.bench import simulate
-from ident.campaign_model import model_of_campaign
-from ident.candidates import best_of
-from ident.curves import responses
-from ident.diagnose import Begun, begin
 from ident.effects.base import Effect, Known
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.response import Response, response
-from ident.frf import estimate
-from ident.gains import named_gains
-from ident.minima import told
-from ident.refits import Refit, State, fitted, linearised, reduced_chi2
-from ident.tried import refitted
+from ident.identification.campaign_model import model_of_campaign
+from ident.loop.diagnose import Begun, begin
+from ident.records.frf import estimate
+from ident.search.apart import apart
+from ident.search.candidates import best_of
+from ident.search.curves import responses
+from ident.search.gains import named_gains
+from ident.search.minima import told
+from ident.search.refits import Refit, State, fitted, linearised, reduced_chi2
+from ident.search.tried import refitted
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from diagnosed import JOINT, LEVEL, REPORT, diagnosis, errors
 
-from ident import departures
+from ident.arm.parts import lines_of
 from ident.effects.learned import learned
 from ident.effects.motor import InputDelay, TorqueLag
 from ident.effects.sensor import TimeOffset
 from ident.effects.structure import AttachedResonator
-from ident.held_out import _largest, carried, gains, heights, held_out, reconstructed, with_few_lines, without
-from ident.parts import lines_of
-from ident.refits import Bench
+from ident.loop.held_out import _largest, carried, gains, heights, held_out, reconstructed, with_few_lines, without
+from ident.search import departures
+from ident.search.refits import Bench
 
 
 def test_held_out_rows_are_the_excited_joint_of_the_reporting_records():
@@ -51,7 +51,7 @@ def test_errors_and_noise_are_those_of_their_definition():
 
 def test_a_record_that_the_errors_leave_out_is_not_held_out(monkeypatch):
     """Its noise is no share of the floor."""
-    monkeypatch.setattr("ident.held_out.told_of", lambda split, state, data: data[1:])
+    monkeypatch.setattr("ident.loop.held_out.told_of", lambda split, state, data: data[1:])
     assert [row.record for row in held_out(diagnosis())] == [*REPORT][1:]
 
 
@@ -161,6 +161,6 @@ def test_what_an_effect_makes_worse_leaves_the_shares_of_others_below_all():
 
 
 def test_lines_above_the_last_edge_carry_the_effect_too(monkeypatch):
-    monkeypatch.setattr("ident.departures.EDGES", (0.0, 5.0, inf))
+    monkeypatch.setattr("ident.search.departures.EDGES", (0.0, 5.0, inf))
     _, bands = carried(diagnosis(), diagnosis().added[0].effect)
     assert bands["above 5 Hz"] > 0.0 and sum(bands.values()) <= 1.0 + 1e-9

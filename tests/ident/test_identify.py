@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident import identify as module
-from ident.bench import simulate
-from ident.campaign import Campaign
 from ident.errors import IdentError
-from ident.identify import identify
+from ident.identification import identify as module
+from ident.identification.identify import identify
+from ident.records.campaign import Campaign
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 

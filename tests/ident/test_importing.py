@@ -18,15 +18,15 @@ from mcap.writer import Writer as McapWriter
 from mcap_ros2.writer import Writer as RosWriter
 from scipy.io import savemat
 
-from ident.campaign import Record
 from ident.cli import main
 from ident.errors import IdentError, ImportingError
-from ident.guess import guess
-from ident.importing import import_files
-from ident.mapping import load_map
-from ident.periodic import find_lines, find_period
-from ident.readers import read_variables
-from ident.store import read_campaign, write_campaign
+from ident.machines.guess import guess
+from ident.machines.importing import import_files
+from ident.machines.mapping import load_map
+from ident.machines.readers import read_variables
+from ident.records.campaign import Record
+from ident.records.periodic import find_lines, find_period
+from ident.records.store import read_campaign, write_campaign
 from symgen.errors import SymgenError
 from symgen.plan import model_of_urdf
 

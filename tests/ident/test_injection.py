@@ -13,23 +13,23 @@ from draws import RANGES, draws
 from explaining import Judged, judge
 from outside import OUTSIDE
 
-from ident import bench
-from ident.arm_fit import Problem, hold, residual
-from ident.bench import Job, design, head, simulate
-from ident.campaign import Campaign, Record
+from ident.arm.arm_fit import Problem, hold, residual
+from ident.arm.coupled import declared_start, problem_of
+from ident.arm.evidence import evidence, gravity_basis
+from ident.arm.sliding import TURNS
 from ident.cli import main
-from ident.coupled import declared_start, problem_of
 from ident.effects.base import Arm, Effect, Known, Law, Parameter
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.motion import State
 from ident.effects.structure import Giving
 from ident.errors import ExperimentError
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
-from ident.injection import inject
-from ident.machine import Machine
-from ident.plant import build_plant, linearise
-from ident.sliding import TURNS
+from ident.records.campaign import Campaign, Record
+from ident.records.frf import estimate
+from ident.simulator import bench
+from ident.simulator.bench import Job, design, head, simulate
+from ident.simulator.injection import inject
+from ident.simulator.machine import Machine
+from ident.simulator.plant import build_plant, linearise
 from symgen.chain import Chain
 from symgen.plan import Model, make_model
 from symgen.robot import Experiment, Robot, load_robot
@@ -440,7 +440,7 @@ def test_the_command_line_injects_and_tells_the_truth_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     jobs: list[Any] = []
-    monkeypatch.setattr("ident.resume.run_to_file", lambda all_jobs, *_, **__: jobs.extend(all_jobs))
+    monkeypatch.setattr("ident.simulator.resume.run_to_file", lambda all_jobs, *_, **__: jobs.extend(all_jobs))
     arguments = [
         "simulate",
         str(ROBOT.path.parent),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.inverses import inverses
+from ident.arm.inverses import inverses
 
 RNG = np.random.default_rng(2)
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from two_joints import two_joints
 
-from ident.bench import simulate
-from ident.campaign import Campaign
-from ident.faults import FLAG, REFUSE, Fault, faults
+from ident.records.campaign import Campaign
+from ident.records.faults import FLAG, REFUSE, Fault, faults
+from ident.simulator.bench import simulate
 from symgen.plan import model_of_urdf
 
 EXPERIMENT = "line_spacing_Hz = 1.0\nband_Hz = [1.0, 60.0]\nperiods = 3"

@@ -14,26 +14,26 @@ import pytest
 from fitting import bench_of
 from outside import OUTSIDE
 
-import ident.curves
-from ident.added import drawn_over, outdone, pruned
-from ident.alike import names_alike
-from ident.arm_fit import hold
-from ident.bench import simulate
-from ident.candidates import Candidate
-from ident.coupled import declared_start
-from ident.curves import PARTS, _repeating, _shape, curves, wave
+import ident.search.curves
+from ident.arm.arm_fit import hold
+from ident.arm.coupled import declared_start
+from ident.arm.evidence import gravity_basis
 from ident.effects.base import Effect, Law, Parameter
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import LearnedLaw, at_knots, bent, learned
 from ident.effects.motion import State
-from ident.evidence import gravity_basis
-from ident.minima import fully, told
-from ident.periods import Spectrum, spectrum
-from ident.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
-from ident.refits import State as Fitted
-from ident.rest import _mended
-from ident.trace import Linearised, linearise
-from ident.tried import refitted
+from ident.search.added import drawn_over, outdone, pruned
+from ident.search.alike import names_alike
+from ident.search.candidates import Candidate
+from ident.search.curves import PARTS, _repeating, _shape, curves, wave
+from ident.search.minima import fully, told
+from ident.search.periods import Spectrum, spectrum
+from ident.search.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
+from ident.search.refits import State as Fitted
+from ident.search.rest import _mended
+from ident.search.trace import Linearised, linearise
+from ident.search.tried import refitted
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 
@@ -270,7 +270,7 @@ def test_a_wave_that_is_narrow_in_its_period_is_drawn_with_more_heights(
         kinds = [(kind(joint, (0.0,) * len(kind.knots)), len(kind.knots)) for kind, joint in shapes]
         return [Candidate(effect, 60.0 if count == 13 else promised, ()) for effect, count in kinds]
 
-    monkeypatch.setattr(ident.curves, "_drawn", drawn)
+    monkeypatch.setattr(ident.search.curves, "_drawn", drawn)
     lin: Any = SimpleNamespace(chi2=100.0)
     (found,) = _repeating(lin, "spring", JOINT, "mesh", Spectrum(np.array([3.0]), np.array([50.0]), 0.1), 1)
     assert len(found.effect.values) == heights

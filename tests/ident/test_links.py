@@ -13,8 +13,8 @@ import pytest
 from scipy.linalg import null_space
 
 from ident.errors import IdentError
-from ident.links import Links, nearest_links
-from ident.physical import consistency
+from ident.identification.links import Links, nearest_links
+from ident.identification.physical import consistency
 from symgen.chain import Inertia
 from symgen.plan import Model, make_model
 from symgen.urdf import load_chain

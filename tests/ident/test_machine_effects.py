@@ -16,7 +16,7 @@ from ident.effects.friction import LoadDependentFriction
 from ident.effects.spring import Backlash, SpringHardening, SpringRelaxation
 from ident.effects.structure import AttachedResonator, LinkFlexibility
 from ident.errors import ExperimentError, IdentError
-from ident.injection import Injected, inject
+from ident.simulator.injection import Injected, inject
 from symgen.robot import load_robot
 from symgen.urdf import load_chain
 

@@ -8,8 +8,8 @@ from itertools import islice
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from ident.marching import marched
-from ident.sliding import closer
+from ident.arm.marching import marched
+from ident.arm.sliding import closer
 
 S, F0 = 1024, 1.0
 #: An oscillator under two harmonics: mass, damper, spring.

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from fitting import bench_of
 
-from ident.bench import simulate
-from ident.candidates import added
-from ident.curves import curves
 from ident.effects.hysteresis import Hysteresis
 from ident.effects.memory import Remembering, remembering, stops
 from ident.effects.motion import State
-from ident.minima import told
-from ident.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
-from ident.refits import State as Fitted
-from ident.trace import Linearised
-from ident.tried import refitted
+from ident.search.candidates import added
+from ident.search.curves import curves
+from ident.search.minima import told
+from ident.search.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
+from ident.search.refits import State as Fitted
+from ident.search.trace import Linearised
+from ident.search.tried import refitted
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 

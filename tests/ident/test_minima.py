@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import ident.minima
-import ident.refits
-from ident.descent import Minimum
+import ident.search.minima
+import ident.search.refits
+from ident.arm.descent import Minimum
 from ident.effects.declared import GravityStiffness
 from ident.effects.structure import BaseCompliance
-from ident.minima import _closely, _doubted, _plausible, afresh
-from ident.refits import FAINTLY, FINELY, Refit, fitted
+from ident.search.minima import _closely, _doubted, _plausible, afresh
+from ident.search.refits import FAINTLY, FINELY, Refit, fitted
 
 BENCH: Any = SimpleNamespace(late=False, say=lambda line: None)
 
@@ -37,8 +37,8 @@ def test_a_fit_goes_on_while_what_is_left_falls(
         refits.append(refit)
         return SimpleNamespace(level=next(levels))
 
-    monkeypatch.setattr(ident.minima, "fitted", fit)
-    monkeypatch.setattr(ident.minima, "reduced_chi2", lambda bench, state: state.level)
+    monkeypatch.setattr(ident.search.minima, "fitted", fit)
+    monkeypatch.setattr(ident.search.minima, "reduced_chi2", lambda bench, state: state.level)
     monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
     assert _closely(BENCH, Refit(np.zeros(1), (), (), ()), begins).level == falls[times - 1]  # type: ignore[attr-defined]
     assert len(refits) == times
@@ -51,12 +51,12 @@ def test_a_last_descent_whose_motions_no_longer_hold_is_taken_back(
     """From where it left 4 it went to where it left 1 of the motions that were held; of its own it leaves so much `there`."""
     left = {1.0: 5.0, 2.0: there}
     minimum = Minimum(np.array([2.0]), np.eye(1), 1.0, False, {}, (np.array([1.0]), 4.0))
-    monkeypatch.setattr(ident.refits, "minimise", lambda problem, vector, *how: minimum)
-    monkeypatch.setattr(ident.refits, "degrees", lambda data: 1)
-    monkeypatch.setattr(ident.refits, "sampled", lambda one, samples: one)
-    monkeypatch.setattr(ident.refits, "hold", lambda problem, vector: [])
-    monkeypatch.setattr(ident.refits, "chi_squared", lambda problem, vector, held: left[float(vector[0])])
-    monkeypatch.setattr(ident.refits, "replace", lambda one, **new: SimpleNamespace(**{**vars(one), **new}))
+    monkeypatch.setattr(ident.search.refits, "minimise", lambda problem, vector, *how: minimum)
+    monkeypatch.setattr(ident.search.refits, "degrees", lambda data: 1)
+    monkeypatch.setattr(ident.search.refits, "sampled", lambda one, samples: one)
+    monkeypatch.setattr(ident.search.refits, "hold", lambda problem, vector: [])
+    monkeypatch.setattr(ident.search.refits, "chi_squared", lambda problem, vector, held: left[float(vector[0])])
+    monkeypatch.setattr(ident.search.refits, "replace", lambda one, **new: SimpleNamespace(**{**vars(one), **new}))
     problem = SimpleNamespace(effects_at=lambda vector: (), expected=None)
     BENCH.guess = SimpleNamespace(K=np.zeros(1), vector=lambda: np.zeros(1))
     BENCH.split, BENCH.problem = SimpleNamespace(fit=(), select=()), lambda *of: problem
@@ -86,10 +86,10 @@ def test_an_arm_fitted_afresh_that_comes_back_is_not_fitted_closely(
         made.append(refit)
         return SimpleNamespace(select=min(left, 9.0) - 0.1, roughly=FAINTLY, effects=(None,))
 
-    monkeypatch.setattr(ident.minima, "fitted", fit)
-    monkeypatch.setattr(ident.minima, "_closely", closely)
-    monkeypatch.setattr(ident.minima, "reduced_chi2", lambda bench, state: state.select)
-    monkeypatch.setattr(ident.minima, "as_declared", lambda bench, state: np.zeros(1))
+    monkeypatch.setattr(ident.search.minima, "fitted", fit)
+    monkeypatch.setattr(ident.search.minima, "_closely", closely)
+    monkeypatch.setattr(ident.search.minima, "reduced_chi2", lambda bench, state: state.select)
+    monkeypatch.setattr(ident.search.minima, "as_declared", lambda bench, state: np.zeros(1))
     monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
     state: Any = SimpleNamespace(select=1.5, roughly=FAINTLY, effects=(None,))
     found = afresh(BENCH, state)
@@ -114,8 +114,8 @@ def test_what_a_line_may_hold_is_found_while_the_model_is_doubted(
         asked.append(refit.doubts)
         return SimpleNamespace(select=doubted)
 
-    monkeypatch.setattr(ident.minima, "fitted", fit)
-    monkeypatch.setattr(ident.minima, "reduced_chi2", lambda bench, state: state.select)
+    monkeypatch.setattr(ident.search.minima, "fitted", fit)
+    monkeypatch.setattr(ident.search.minima, "reduced_chi2", lambda bench, state: state.select)
     monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
     state: Any = SimpleNamespace(select=left)
     assert _doubted(BENCH, state).select == ends

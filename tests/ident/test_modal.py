@@ -11,11 +11,11 @@ from scipy.linalg import eigh
 from scipy.stats import chi2, norm
 from synthetic import YPP, Arm, campaign, record
 
-from ident.bench import simulate
 from ident.errors import IdentError
-from ident.fit import PARAMETERS, two_mass
-from ident.frf import estimate
-from ident.modal import anti_resonances, modal
+from ident.identification.modal import anti_resonances, modal
+from ident.joint.fit import PARAMETERS, two_mass
+from ident.records.frf import estimate
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 

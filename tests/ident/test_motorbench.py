@@ -9,11 +9,11 @@ import pytest
 from motorbench import FILES, around_the_modes, imported, needs_records
 from scipy.io import loadmat
 
-from ident.diagnose import diagnose
-from ident.fit import two_mass
-from ident.frf import estimate
-from ident.importing import Imported
-from ident.store import read_campaign, write_campaign
+from ident.joint.fit import two_mass
+from ident.loop.diagnose import diagnose
+from ident.machines.importing import Imported
+from ident.records.frf import estimate
+from ident.records.store import read_campaign, write_campaign
 from symgen.plan import model_of_urdf
 
 pytestmark = needs_records

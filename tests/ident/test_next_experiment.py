@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from diagnosed import campaign, diagnosis
 
-from ident.bench import design
-from ident.coupled import uncertainty
-from ident.diagnosis_json import FILE, verdict_document, write
+from ident.arm.coupled import uncertainty
 from ident.errors import IdentError
-from ident.export import write_files
-from ident.identified import of_parts
-from ident.inputs import again, joined, told
-from ident.next_experiment import SMALLER, Wish, _cells, plan_next, wanted
-from ident.store import write_campaign
+from ident.identification.export import write_files
+from ident.identification.identified import of_parts
+from ident.loop.diagnosis_json import FILE, verdict_document, write
+from ident.loop.next_experiment import SMALLER, Wish, _cells, plan_next, wanted
+from ident.records.inputs import again, joined, told
+from ident.records.store import write_campaign
+from ident.simulator.bench import design
 from symgen.plan import chain_of_robot, load_plan_cells, make_model
 from symgen.robot import load_robot
 

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import pytest
 
-import ident.one_more
-from ident.choice import Tried
+import ident.search.one_more
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
-from ident.one_more import _of_two_causes, leading_to_one_more, one_more
+from ident.search.choice import Tried
+from ident.search.one_more import _of_two_causes, leading_to_one_more, one_more
 
 LEFT = 200.0
 
@@ -40,7 +40,7 @@ def beyond(monkeypatch: pytest.MonkeyPatch) -> list[Tried]:
         ],
     }
     for key, stand_in in stand_ins.items():
-        monkeypatch.setattr(ident.one_more, key, stand_in)
+        monkeypatch.setattr(ident.search.one_more, key, stand_in)
     return names
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from ident import paper
 from ident.errors import IdentError
+from ident.identification.physical import YPP_ALPHA
 from ident.paper_tables import CAD, CELLS, POSTURES, TABLE_I, TABLE_II, PaperTables, Reworked, Simulated
-from ident.physical import YPP_ALPHA
 from symgen.plan import Model
 from symgen.robot import load_robot
 

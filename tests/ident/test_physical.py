@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from ident.errors import IdentError
-from ident.physical import consistency, pseudo_inertia, ypp_inequalities
+from ident.identification.physical import consistency, pseudo_inertia, ypp_inequalities
 from symgen.chain import PARAMETERS
 
 TABLE_I = np.array([0.0434, 0.4544, 0.0152, 0.09285, 0.5072, 0.0466])  # corrected

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from ident.errors import ExperimentError
-from ident.plant import Linear, Plant, build_plant, linearise
+from ident.simulator.plant import Linear, Plant, build_plant, linearise
 from symgen.chain import PRISMATIC, REVOLUTE, Chain, Inertia, Joint
 from symgen.robot import Drive, load_robot
 from symgen.urdf import load_chain

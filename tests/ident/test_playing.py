@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.bench import simulate
-from ident.campaign import Campaign
 from ident.cli import main
-from ident.dob import Servo, controller
-from ident.mapping import load_map
-from ident.playing import export_excitation
-from ident.store import read_campaign
+from ident.machines.mapping import load_map
+from ident.machines.playing import export_excitation
+from ident.records.campaign import Campaign
+from ident.records.store import read_campaign
+from ident.simulator.bench import simulate
+from ident.simulator.dob import Servo, controller
 from symgen.plan import Cell, chain_of_robot, make_plan
 from symgen.robot import Robot, load_robot
 

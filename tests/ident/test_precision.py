@@ -10,12 +10,12 @@ from unittest.mock import ANY
 import numpy as np
 import pytest
 
-from ident.bench import design, head, run
-from ident.certainty import certainty
-from ident.coupled import fit_coupled
+from ident.arm.coupled import fit_coupled
 from ident.errors import ExperimentError
-from ident.frf import estimate
-from ident.precision import ALLOWANCE, SPACINGS, Precision, for_target
+from ident.identification.precision import ALLOWANCE, SPACINGS, Precision, for_target
+from ident.joint.certainty import certainty
+from ident.records.frf import estimate
+from ident.simulator.bench import design, head, run
 from symgen.plan import Model, plan_of_robot
 from symgen.robot import Robot, load_robot, recordable
 
@@ -66,7 +66,7 @@ def test_no_other_spacing_is_quicker(
     """Neither the widest lines nor the narrowest: all of them searched to their ends, one by one."""
     model, robot, cells = planned
     seconds = {}
-    monkeypatch.setattr("ident.precision.SPACINGS", ())
+    monkeypatch.setattr("ident.identification.precision.SPACINGS", ())
     for f0 in SPACINGS:
         alone = replace(robot, experiment=replace(robot.experiment, f0=f0, band=(f0, robot.experiment.band[1])))
         with contextlib.suppress(ExperimentError):
@@ -106,7 +106,7 @@ def test_the_declared_spacing_is_tried_whatever_its_digits(
     assert abs(e.fs / e.f0 - 1000) > 1e-9 and recordable(e.fs, e.f0)
     found = for_target(model, replace(robot, experiment=e), cells, 0.05)
     assert found.robot.experiment.f0 == e.f0 and found.sigma <= 0.05
-    monkeypatch.setattr("ident.precision.SPACINGS", (2.0,))  # which no such record can have
+    monkeypatch.setattr("ident.identification.precision.SPACINGS", (2.0,))  # which no such record can have
     assert for_target(model, replace(robot, experiment=e), cells, 0.05) == replace(found, robot=ANY)
 
 
@@ -114,11 +114,12 @@ def test_no_record_is_longer_than_one_may_be(
     planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model, robot, cells = planned
-    monkeypatch.setattr("ident.precision.SPACINGS", ())
+    monkeypatch.setattr("ident.identification.precision.SPACINGS", ())
     coarse = replace(robot, experiment=replace(robot.experiment, f0=1.0, band=(1.0, 120.0)))
     longest = max(for_target(model, coarse, cells, 2e-4).periods)
     monkeypatch.setattr(
-        "ident.precision.recordable", lambda fs, f0, periods=1: recordable(fs, f0, periods) and periods < longest
+        "ident.identification.precision.recordable",
+        lambda fs, f0, periods=1: recordable(fs, f0, periods) and periods < longest,
     )
     said = r"J_\d\d stays at .* expected a larger target \(a record has at most 1e\+07 samples\), lines further apart"
     with pytest.raises(ExperimentError, match=said):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from two_joints import two_joints
 
-from ident.bench import simulate
-from ident.coupled import fit_coupled
-from ident.frf import estimate
-from ident.quantisation import HIDDEN_STEPS, quantisation
+from ident.arm.coupled import fit_coupled
+from ident.records.frf import estimate
+from ident.records.quantisation import HIDDEN_STEPS, quantisation
+from ident.simulator.bench import simulate
 from symgen.plan import plan_of_robot
 
 S, M = 2000, 4

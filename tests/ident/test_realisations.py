@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.bench import design, prepare, simulate
-from ident.campaign import Campaign
 from ident.cli import main
 from ident.effects.catalogue import parse
-from ident.frf import Frf, estimate
-from ident.realisations import Distortion, distortions, text
-from ident.resume import digest
-from ident.store import read_campaign
+from ident.identification.realisations import Distortion, distortions, text
+from ident.records.campaign import Campaign
+from ident.records.frf import Frf, estimate
+from ident.records.store import read_campaign
+from ident.simulator.bench import design, prepare, simulate
+from ident.simulator.resume import digest
 from symgen.robot import Experiment, load_robot
 from symgen.urdf import load_chain
 

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from diagnosed import CELLS, ROOT
 
-from ident.bench import simulate
-from ident.coupled import declared_start
-from ident.descent import Minimum
+from ident.arm.coupled import declared_start
+from ident.arm.descent import Minimum
+from ident.arm.evidence import evidence, gravity_basis
+from ident.arm.parts import Split
 from ident.effects.catalogue import CATALOGUE
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
-from ident.parts import Split
-from ident.refits import CLOSE, FEW_RECORDS, Bench, Refit, _by_all_lines, _few, fitted, reduced_chi2, standing
+from ident.records.frf import estimate
+from ident.search.refits import CLOSE, FEW_RECORDS, Bench, Refit, _by_all_lines, _few, fitted, reduced_chi2, standing
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 

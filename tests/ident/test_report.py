@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from synthetic import FS, Arm, record
 
-from ident import figures, report, result_page, side_by_side, verdict
-from ident.campaign import Campaign
 from ident.errors import IdentError
-from ident.identify import identify
+from ident.identification import verdict
+from ident.identification.identify import identify
+from ident.records.campaign import Campaign
+from ident.reports import figures, report, result_page, side_by_side
 from symgen.plan import model_of_urdf
 
 URDF = (Path(__file__).parents[2] / "robots/ypp3/ypp3.urdf").read_text()

@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ident.store
-from ident.bench import Job, design, head, simulate
-from ident.campaign import Campaign
+import ident.records.store
 from ident.cli import main
 from ident.effects.catalogue import parse
 from ident.errors import CampaignError, ExperimentError
-from ident.resume import digest, run_to_file
-from ident.store import join_campaigns, read_campaign, write_campaign
+from ident.records.campaign import Campaign
+from ident.records.store import join_campaigns, read_campaign, write_campaign
+from ident.simulator.bench import Job, design, head, simulate
+from ident.simulator.resume import digest, run_to_file
 from symgen.robot import Experiment, load_robot
 from symgen.urdf import load_chain
 
@@ -147,7 +147,7 @@ def test_a_finished_campaign_is_taken_as_it_is(whole: bytes, tmp_path: Path, mon
     path, said, seen = tmp_path / "c.h5", list[str](), list[tuple[int, int]]()
     path.write_bytes(whole)
     with monkeypatch.context() as patch:
-        patch.setattr("ident.resume.in_parallel", lambda *_: pytest.fail("simulated again"))
+        patch.setattr("ident.simulator.resume.in_parallel", lambda *_: pytest.fail("simulated again"))
         run_to_file(jobs(), EMPTY, path, workers=1, progress=lambda *now: seen.append(now), say=said.append)
     assert said == [f"{path}: holds the 3 records of this request already; they are taken"] and seen == [(3, 3)]
     assert path.read_bytes() == whole and os.listdir(tmp_path) == ["c.h5"]
@@ -204,7 +204,7 @@ def test_drives_that_can_not_be_followed_are_found_before_the_first_record(tmp_p
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("source", ["ident/bench.py", "symgen/robot.py"])
+@pytest.mark.parametrize("source", ["ident/simulator/bench.py", "symgen/robot.py"])
 def test_records_of_another_program_are_not_taken(
     source: str, whole: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -258,7 +258,7 @@ def test_a_full_disk_is_one_line_and_what_is_done_stays(
         sync(handle)
 
     with monkeypatch.context() as patch:
-        patch.setattr(ident.store.os, "fsync", full)
+        patch.setattr(ident.records.store.os, "fsync", full)
         with pytest.raises(CampaignError, match="No space left on device; 1 of 3 records are kept") as error:
             run_to_file(jobs(), EMPTY, path, workers=1)
     assert "\n" not in str(error.value)
@@ -324,7 +324,7 @@ def test_a_campaign_that_is_replaced_while_it_is_read_is_no_result(
         os.replace(other, file)
         return found
 
-    monkeypatch.setattr("ident.store.read_campaign", read)
+    monkeypatch.setattr("ident.records.store.read_campaign", read)
     assert main(["fit", str(path), "-o", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and f"{path}: was replaced while it was read" in error

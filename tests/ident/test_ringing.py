@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from outside import OUTSIDE
 
-from ident.bench import simulate
-from ident.campaign_model import model_of_campaign
-from ident.candidates import units
-from ident.curves import resonances
-from ident.diagnose import Begun, begin
-from ident.effect_words import meaning, named, values
 from ident.effects.base import Effect, Known
 from ident.effects.learned import Learned
 from ident.effects.ringing import Ringing
 from ident.effects.structure import AttachedResonator
-from ident.frf import estimate
-from ident.minima import fully
-from ident.refits import State, linearised, reduced_chi2, same
-from ident.trials import _drawn
+from ident.identification.campaign_model import model_of_campaign
+from ident.loop.diagnose import Begun, begin
+from ident.loop.effect_words import meaning, named, values
+from ident.records.frf import estimate
+from ident.search.candidates import units
+from ident.search.curves import resonances
+from ident.search.minima import fully
+from ident.search.refits import State, linearised, reduced_chi2, same
+from ident.search.trials import _drawn
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 

@@ -11,25 +11,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-import ident.rounds
-from ident.bench import simulate
-from ident.campaign_model import model_of_campaign
-from ident.candidates import Candidate, best_of
-from ident.choice import Tried
-from ident.contact import balanced, besides
-from ident.diagnose import Begun, begin
+import ident.search.rounds
+from ident.arm.parts import degrees
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE, parse
 from ident.effects.friction import LinkCoulomb, LinkViscous, MotorCoulomb
 from ident.effects.learned import learned
 from ident.effects.motor import TorqueScale
-from ident.frf import estimate
-from ident.minima import LEAST_GAIN
-from ident.parts import degrees
-from ident.refits import Bench, State, linearised, reduced_chi2
-from ident.rounds import _best, _gaining, _two, _with_second
-from ident.trials import giving
-from ident.tried import again, refitted
+from ident.identification.campaign_model import model_of_campaign
+from ident.loop.diagnose import Begun, begin
+from ident.records.frf import estimate
+from ident.search.candidates import Candidate, best_of
+from ident.search.choice import Tried
+from ident.search.contact import balanced, besides
+from ident.search.minima import LEAST_GAIN
+from ident.search.refits import Bench, State, linearised, reduced_chi2
+from ident.search.rounds import _best, _gaining, _two, _with_second
+from ident.search.trials import giving
+from ident.search.tried import again, refitted
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
 
@@ -102,9 +102,9 @@ def test_no_second_effect_is_looked_for_once_it_is_late(names: bool, monkeypatch
     nothing: Any = SimpleNamespace(
         problem=None, minimum=SimpleNamespace(vector=None, chi2=0.0), effects=(LinkCoulomb(1, (0.1,)),)
     )
-    monkeypatch.setattr(ident.rounds, "linearised", lambda *of: asked.append("linearised"))
-    monkeypatch.setattr(ident.rounds, "likely_names", likely)
-    monkeypatch.setattr(ident.rounds, "hasty", lambda *of: pytest.fail("looked for"))
+    monkeypatch.setattr(ident.search.rounds, "linearised", lambda *of: asked.append("linearised"))
+    monkeypatch.setattr(ident.search.rounds, "likely_names", likely)
+    monkeypatch.setattr(ident.search.rounds, "hasty", lambda *of: pytest.fail("looked for"))
     tried: Any = [Tried(SimpleNamespace(effect=nothing.effects[0], key="rubs"), nothing)]  # type: ignore[arg-type]
     assert _with_second(bench, nothing, nothing, (), tried, nothing) is None
     assert asked == ["linearised", "names"] * names
@@ -130,7 +130,7 @@ def test_nothing_is_pursued_that_leaves_more_where_records_that_fit_let_the_arm_
 ) -> None:
     candidate, state = alone(begun, RINGS)
     tried = [Tried(candidate, replace(state, select=2.0 * begun.start.select))]
-    monkeypatch.setattr(ident.rounds, "polished", lambda *of: pytest.fail("pursued"))
+    monkeypatch.setattr(ident.search.rounds, "polished", lambda *of: pytest.fail("pursued"))
     start = begun.start
     lin = linearised(start.problem, start.minimum.vector)
     found = _best(begun.bench, start, lin, [], [tried], bends=True)
@@ -148,7 +148,7 @@ def test_a_little_is_pursued_by_what_leaves_less_as_roughly_fitted(
         roughly.append(how)
         return replace(state, select=state.select + gain)
 
-    monkeypatch.setattr(ident.rounds, "without", without)
+    monkeypatch.setattr(ident.search.rounds, "without", without)
     assert _gaining(begun.bench, [Tried(candidate, state)]) == pursued and roughly == [state.roughly]
     assert not _gaining(begun.bench, [])
 
@@ -208,9 +208,9 @@ def test_a_curve_is_taken_only_where_no_name_does_as_well_at_its_minimum(
     named = Tried(candidate, replace(state, select=1000.0 * dof))
     drawn = Tried(Candidate(curve, 0.0, (1.0, 1.0)), replace(state, effects=(curve,), select=0.99 * dof))
     tried = [named, drawn]
-    monkeypatch.setattr(ident.rounds, "polished", lambda bench, tried: tried)
+    monkeypatch.setattr(ident.search.rounds, "polished", lambda bench, tried: tried)
     monkeypatch.setattr(
-        ident.rounds, "fully", lambda bench, s: s if s is drawn[1] else replace(s, select=at_minimum * dof)
+        ident.search.rounds, "fully", lambda bench, s: s if s is drawn[1] else replace(s, select=at_minimum * dof)
     )
     lin = linearised(begun.start.problem, begun.start.minimum.vector)
     much = 5000.0 * dof

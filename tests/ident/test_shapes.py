@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-import ident.candidates
-from ident.bench import simulate
-from ident.candidates import catalogue, units
-from ident.diagnose import Begun, begin
+import ident.search.candidates
 from ident.effects.catalogue import parse
 from ident.effects.structure import BaseCompliance, LinkFlexibility, LockedJointElasticity
-from ident.frf import estimate
-from ident.refits import Refit, fitted, linearised, reduced_chi2
-from ident.shapes import bending
-from ident.trials import _bending
+from ident.loop.diagnose import Begun, begin
+from ident.records.frf import estimate
+from ident.search.candidates import catalogue, units
+from ident.search.refits import Refit, fitted, linearised, reduced_chi2
+from ident.search.shapes import bending
+from ident.search.trials import _bending
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
@@ -54,7 +54,7 @@ def test_what_turns_is_as_stiff_as_joints_that_turn(monkeypatch: pytest.MonkeyPa
     robot = load_robot(ROBOTS / "scara4")
     chain = chain_of_robot(robot)
     K = [robot.drive(name).K for name in chain.names]
-    monkeypatch.setattr(ident.candidates, "_sizes", lambda lin, port, joint: {"K": K[joint]})
+    monkeypatch.setattr(ident.search.candidates, "_sizes", lambda lin, port, joint: {"K": K[joint]})
     data = [SimpleNamespace(scene=SimpleNamespace(chain=chain))]
     lin: Any = SimpleNamespace(problem=SimpleNamespace(n=chain.n, data=data))
     stiffest, slide = max(K[0], K[1], K[3]), chain.names.index("joint3")

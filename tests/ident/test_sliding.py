@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.sliding import FELT, LEFT, MOST_DENSE, SOON, TURNS, Where, along_tangent, in_turns, settled
+from ident.arm.sliding import FELT, LEFT, MOST_DENSE, SOON, TURNS, Where, along_tangent, in_turns, settled
 
 S, OWN, DAMPING = 4096, 90.3, 0.1
 RNG = np.random.default_rng(5)
@@ -44,7 +44,7 @@ def test_more_samples_apart_than_are_solved_for_directly_agree_with_those_that_a
     slope = np.where(np.arange(S) % 16 < 3, 0.2, 0.3)
     left = RNG.normal(size=S)
     directly = along_tangent(GIVES, slope, left)
-    monkeypatch.setattr("ident.sliding.MOST_DENSE", MOST_DENSE // 10)
+    monkeypatch.setattr("ident.arm.sliding.MOST_DENSE", MOST_DENSE // 10)
     assert np.linalg.norm(along_tangent(GIVES, slope, left) - directly) < 5.0 * LEFT * np.linalg.norm(directly)
 
 

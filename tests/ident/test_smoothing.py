@@ -12,11 +12,15 @@ import pytest
 from outside import OneWayDamper
 from scipy.integrate import solve_ivp
 
-from ident.acting import _aside
-from ident.arm_fit import hold, residual
-from ident.arm_model import Posture
-from ident.bench import design, head, run
-from ident.coupled import declared_start, problem_of
+from ident.arm.acting import _aside
+from ident.arm.arm_fit import hold, residual
+from ident.arm.arm_model import Posture
+from ident.arm.coupled import declared_start, problem_of
+from ident.arm.evidence import evidence, gravity_basis
+from ident.arm.likely_motion import Force, Forces
+from ident.arm.scene import Scene
+from ident.arm.sliding import TURNS, Meeting, in_turns
+from ident.arm.smoothing import Mixture, _by_instants
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, LoadDependentFriction, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.hysteresis import LinkHysteresis, SpringHysteresis
@@ -24,12 +28,8 @@ from ident.effects.motion import Motion
 from ident.effects.motor import MotorCoupling, TorqueOffset, TorqueScale
 from ident.effects.sensor import JointZeroOffset
 from ident.effects.spring import Backlash, SpringHardening, TransmissionError
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
-from ident.likely_motion import Force, Forces
-from ident.scene import Scene
-from ident.sliding import TURNS, Meeting, in_turns
-from ident.smoothing import Mixture, _by_instants
+from ident.records.frf import estimate
+from ident.simulator.bench import design, head, run
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 

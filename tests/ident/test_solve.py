@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2, kstest
 
 from ident.errors import IdentError
-from ident.solve import combine, inertia_std, solve
+from ident.joint.solve import combine, inertia_std, solve
 
 # The paper's arm: alpha_11, alpha_12, alpha_13, alpha_21, alpha_22, alpha_31; (17)-(19) with 2 alpha_21 c_2 c_23.
 JOINT_OF_ALPHA = [0, 0, 0, 1, 1, 2]

@@ -14,12 +14,12 @@ import pinocchio as pin
 import pytest
 
 from ident.cli import main
-from ident.design import prepare
-from ident.doctor import Examination, examine
-from ident.doctor_findings import of_encoders, of_locks
-from ident.doctor_page import page
 from ident.errors import ExperimentError, IdentError
-from ident.starter import new_robot, starting_drives
+from ident.machines.doctor import Examination, examine
+from ident.machines.doctor_findings import of_encoders, of_locks
+from ident.machines.doctor_page import page
+from ident.machines.starter import new_robot, starting_drives
+from ident.simulator.design import prepare
 from symgen.errors import RobotError
 from symgen.plan import chain_of_file, chain_of_robot
 from symgen.robot import load_robot, recordable
@@ -265,7 +265,7 @@ def test_a_record_that_can_not_be_run_has_the_remedy_of_its_error(
     def refused(*_: object, **__: object) -> None:
         raise ExperimentError(next(told, "no"))
 
-    monkeypatch.setattr("ident.doctor.prepare", refused)
+    monkeypatch.setattr("ident.machines.doctor.prepare", refused)
     found = examine(str(sound.robot.path))
     first, second = (line for line in page(found).splitlines() if line.startswith(("! record 1:", "! record 2:")))
     assert first.endswith("to die: it can not be run. Remedy: check D.") and second.endswith(

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from synthetic import Arm, campaign, record
 
-from ident.frf import estimate
-from ident.steady import SURE, drift
+from ident.records.frf import estimate
+from ident.records.steady import SURE, drift
 
 JOINT = Arm.joint(J_m=4e-5, K=4500, J_l=0.6929, D=3e-5, D_spring=1.1, K_g=-8)
 SOFT = [[0.002, 0.001]]

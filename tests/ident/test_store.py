@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 import pytest
 
-from ident.campaign import Campaign, Record
 from ident.errors import CampaignError
-from ident.store import read_campaign, write_campaign
+from ident.records.campaign import Campaign, Record
+from ident.records.store import read_campaign, write_campaign
 
 URDF = (Path(__file__).parents[2] / "robots" / "ypp3" / "ypp3.urdf").read_text()
 

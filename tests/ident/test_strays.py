@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ident.arm.strays import strays
 from ident.effects.friction import MotorCoulomb
 from ident.effects.motion import Astray, State, over_periods
-from ident.strays import strays
 
 FS, S, M = 1000.0, 1000, 3
 T = np.arange(M * S) / FS

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from diagnosed import diagnosis
 
-from ident.arm_fit import chi_squared, hold, whitened
-from ident.sums import summed
+from ident.arm.arm_fit import chi_squared, hold, whitened
+from ident.arm.sums import summed
 
 
 def test_sums_are_those_of_the_records_whoever_found_them() -> None:

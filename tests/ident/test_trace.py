@@ -11,25 +11,25 @@ import numpy as np
 import pytest
 from diagnosed import CELLS, ROOT
 
-import ident.candidates
-import ident.plausible
-from ident.arm_fit import Problem, hold, residual, whitened_by
-from ident.arm_model import stiffness
-from ident.bench import simulate
-from ident.campaign import Array, Campaign
-from ident.candidates import Candidate, added, best_of, catalogue, otherwise
-from ident.coupled import declared_start, problem_of
-from ident.curves import responses, wave
+import ident.search.candidates
+import ident.search.plausible
+from ident.arm.arm_fit import Problem, hold, residual, whitened_by
+from ident.arm.arm_model import stiffness
+from ident.arm.coupled import declared_start, problem_of
+from ident.arm.evidence import evidence, gravity_basis
+from ident.arm.scene import linear_extra
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.response import Response, response
 from ident.effects.sensor import JointZeroOffset
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
-from ident.periods import Spectrum, spectrum
-from ident.scene import linear_extra
-from ident.trace import Linearised, linearise, port_shares
+from ident.records.campaign import Array, Campaign
+from ident.records.frf import estimate
+from ident.search.candidates import Candidate, added, best_of, catalogue, otherwise
+from ident.search.curves import responses, wave
+from ident.search.periods import Spectrum, spectrum
+from ident.search.trace import Linearised, linearise, port_shares
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 
@@ -186,7 +186,7 @@ def test_orders_are_looked_for_within_their_bounds(monkeypatch: pytest.MonkeyPat
     """Of an encoder up to 64, of a torque up to 100: however well one beyond does."""
     lin = explained((), (CATALOGUE["encoder-eccentricity"](1, (1e-3, 64.0, 0.4)),))
     rising = Spectrum(np.arange(1.0, 101.0), np.arange(1.0, 101.0), 0.5)
-    monkeypatch.setattr(ident.plausible, "spectrum", lambda *asked: rising)
+    monkeypatch.setattr(ident.search.plausible, "spectrum", lambda *asked: rising)
     for name, highest in (("encoder-eccentricity", 64.0), ("torque-ripple", 100.0)):
         found = best_of(lin, CATALOGUE[name], 1)
         assert found is not None and highest - 1.0 <= found.effect["order"] <= highest
@@ -194,7 +194,9 @@ def test_orders_are_looked_for_within_their_bounds(monkeypatch: pytest.MonkeyPat
 
 def test_an_effect_of_the_arm_alone_is_promised_in_an_arm_of_one_joint(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that may be either is of its joint there; what every simulated arm has is never looked for."""
-    monkeypatch.setattr(ident.candidates, "best_of", lambda lin, kind, joint: Candidate(kind(joint, ()), 1.0, ()))
+    monkeypatch.setattr(
+        ident.search.candidates, "best_of", lambda lin, kind, joint: Candidate(kind(joint, ()), 1.0, ())
+    )
 
     def asked(n: int, *taken: Effect) -> set[tuple[str, int | None]]:
         lin: Any = SimpleNamespace(problem=SimpleNamespace(n=n), prepare=lambda: None)

@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import ident.choice
-import ident.finer
-import ident.minima
-import ident.naming
-import ident.trials
-import ident.tried
-import ident.whole_numbers
-from ident.candidates import Candidate
-from ident.choice import Tried, drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
+import ident.search.choice
+import ident.search.finer
+import ident.search.minima
+import ident.search.naming
+import ident.search.trials
+import ident.search.tried
+import ident.search.whole_numbers
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.creeping import creeping
@@ -26,11 +24,13 @@ from ident.effects.learned import learned
 from ident.effects.ringing import Ringing
 from ident.effects.spring import SpringHardening, TransmissionError
 from ident.effects.structure import AttachedResonator, LinkFlexibility
-from ident.finer import curve_finely, finely, leader_finely
-from ident.naming import of_any_order, plainer
-from ident.refits import FINELY, HASTILY
-from ident.trials import _finalists, _ringing, ahead, outshines, polished
-from ident.tried import by_few_lines, refitted
+from ident.search.candidates import Candidate
+from ident.search.choice import Tried, drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
+from ident.search.finer import curve_finely, finely, leader_finely
+from ident.search.naming import of_any_order, plainer
+from ident.search.refits import FINELY, HASTILY
+from ident.search.trials import _finalists, _ringing, ahead, outshines, polished
+from ident.search.tried import by_few_lines, refitted
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -45,16 +45,16 @@ WAVE = TransmissionError(1, (1e-4, 2.0, 0.0))
 @pytest.fixture(autouse=True)
 def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
     BENCH.split = SimpleNamespace(select=())
-    for module in (ident.choice, ident.finer, ident.trials, ident.naming):
+    for module in (ident.search.choice, ident.search.finer, ident.search.trials, ident.search.naming):
         monkeypatch.setattr(module, "degrees", lambda data: DOF)
     for module in (
-        ident.choice,
-        ident.finer,
-        ident.trials,
-        ident.tried,
-        ident.naming,
-        ident.minima,
-        ident.whole_numbers,
+        ident.search.choice,
+        ident.search.finer,
+        ident.search.trials,
+        ident.search.tried,
+        ident.search.naming,
+        ident.search.minima,
+        ident.search.whole_numbers,
     ):
         monkeypatch.setattr(module, "reduced_chi2", lambda bench, state: state.select / DOF)
 
@@ -102,8 +102,8 @@ def test_a_name_that_falls_to_where_a_curve_is_goes_on(
         rounds.append([e.name for e in refits])
         return [one(e, next(levels[e.name]))[1] for e in refits]
 
-    monkeypatch.setattr(ident.finer, "all_fitted", fitted)
-    monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    monkeypatch.setattr(ident.search.finer, "all_fitted", fitted)
+    monkeypatch.setattr(ident.search.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     found = finely(BENCH, [one(HARD, begin), one(CURVE, 77.0)])
     assert len(rounds) == times and len(found) == 2
     assert rounds[1:] == [[HARD.name]] * (times - 1)
@@ -116,8 +116,8 @@ def test_what_is_fitted_finely_is_not_again(monkeypatch: pytest.MonkeyPatch) -> 
         again.extend(refits)
         return [one(effect, 1.7)[1] for effect in refits]
 
-    monkeypatch.setattr(ident.finer, "all_fitted", fitted)
-    monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    monkeypatch.setattr(ident.search.finer, "all_fitted", fitted)
+    monkeypatch.setattr(ident.search.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     already = one(HARD, 1.5, FINELY)
     found = finely(BENCH, [already, one(CURVE, 77.0)])
     assert again == [CURVE] and found[0] is already and len(found) == 2
@@ -128,8 +128,8 @@ def test_a_name_that_leads_but_not_far_ahead_is_fitted_finely(
     leads: float, finer: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It leaves so much where another leaves 100: one far ahead is fitted further anyway, one that hardly leads may be another."""
-    monkeypatch.setattr(ident.finer, "fitted", lambda bench, effect: one(effect, 1.2)[1])
-    monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    monkeypatch.setattr(ident.search.finer, "fitted", lambda bench, effect: one(effect, 1.2)[1])
+    monkeypatch.setattr(ident.search.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     found = leader_finely(BENCH, [one(DRY, 100.0), one(HARD, leads)])
     assert [state.select for _, state in found] == [100.0 * DOF, finer * DOF]
 
@@ -142,7 +142,9 @@ def test_what_rings_and_leaves_all_there_was_is_tried_at_other_frequencies(
     rings, rubs = AttachedResonator(1, (2e-3, 11.0, 2e-4)), Candidate(DRY, 500.0, (1.0,))
     tried = [Tried(Candidate(rings, promised, (1.0,) * 3), one(rings, left)[1]), Tried(rubs, one(DRY, 66.0)[1])]
     short: list[Candidate] = []
-    monkeypatch.setattr(ident.trials, "by_few_lines", lambda bench, state, lin, likely: short.extend(likely) or [])
+    monkeypatch.setattr(
+        ident.search.trials, "by_few_lines", lambda bench, state, lin, likely: short.extend(likely) or []
+    )
     lin: Any = None
     _ringing(BENCH, one(DRY, 66.0)[1], lin, tried)  # type: ignore[arg-type]
     assert len(short) == tries
@@ -159,8 +161,8 @@ def test_what_promises_much_less_than_what_leaves_nothing_is_not_tried(
     promised = [900.0, 500.0, 460.0, 440.0, 50.0]
     levels = dict(zip(names, [left, *[20.0] * 4], strict=True))
     short = [(SimpleNamespace(effect=e, gain=gain), None) for e, gain in zip(names, promised, strict=True)]
-    monkeypatch.setattr(ident.tried, "with_candidate", lambda state, candidate, origin: candidate.effect)
-    monkeypatch.setattr(ident.tried, "all_fitted", lambda bench, refits: (one(e, levels[e])[1] for e in refits))
+    monkeypatch.setattr(ident.search.tried, "with_candidate", lambda state, candidate, origin: candidate.effect)
+    monkeypatch.setattr(ident.search.tried, "all_fitted", lambda bench, refits: (one(e, levels[e])[1] for e in refits))
     found = refitted(BENCH, one(DRY, 30.0)[1], short)  # type: ignore[arg-type]
     assert [candidate.effect for candidate, _ in found] == names[: last + 1]
 
@@ -182,8 +184,8 @@ def test_where_a_curve_leads_all_that_rubs_as_well_in_haste_is_fitted_finely(
     as_good: float, levels: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     finer = {LOADED: 25.0, SLIDING: 30.0, PLACE: 0.9}
-    monkeypatch.setattr(ident.finer, "fitted", lambda bench, effect: one(effect, finer[effect], FINELY)[1])
-    monkeypatch.setattr(ident.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    monkeypatch.setattr(ident.search.finer, "fitted", lambda bench, effect: one(effect, finer[effect], FINELY)[1])
+    monkeypatch.setattr(ident.search.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     tried = [one(LOADED, 100.0), one(SLIDING, 150.0), one(PLACE, as_good), one(DRY, 500.0)]
     found = curve_finely(BENCH, tried)
     assert [state.select / DOF for _, state in found] == [*levels, 500.0]
@@ -203,8 +205,8 @@ def test_nothing_is_refitted_any_more_once_it_is_late(fits: int, monkeypatch: py
     names = [DRY, WAVE, HARD]
     short: Any = [(SimpleNamespace(effect=e, gain=500.0), None) for e in names]
     bench: Any = SimpleNamespace(late=fits == 0, say=BENCH.say)
-    monkeypatch.setattr(ident.tried, "with_candidate", lambda state, candidate, origin: candidate.effect)
-    monkeypatch.setattr(ident.tried, "all_fitted", fitted)
+    monkeypatch.setattr(ident.search.tried, "with_candidate", lambda state, candidate, origin: candidate.effect)
+    monkeypatch.setattr(ident.search.tried, "all_fitted", fitted)
     found = refitted(bench, one(DRY, 30.0)[1], short)
     assert [candidate.effect for candidate, _ in found] == names[:fits] == begun
     nothing: Any = None
@@ -221,9 +223,9 @@ def test_what_promised_most_is_fitted_with_another_whole_number(
     tried = [one(DRY, 1.03, FINELY), one(second, 1.11, FINELY)]
     for (candidate, _), gain in zip(tried, (450.0, promised), strict=True):
         candidate.gain = gain
-    for module in (ident.finer, ident.trials):
+    for module in (ident.search.finer, ident.search.trials):
         monkeypatch.setattr(module, "all_fitted", lambda bench, refits: [])
-    for module in (ident.trials, ident.whole_numbers):
+    for module in (ident.search.trials, ident.search.whole_numbers):
         monkeypatch.setattr(module, "last_otherwise", lambda bench, state: one(first, 0.94)[1])
     found = polished(where(1.34), tried)
     assert type(min(found, key=lambda pair: pair[1].select)[1].effects[-1]) is best
@@ -240,12 +242,14 @@ def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
     refits = {likely[0].effect.name: likely, unlikely[0].effect.name: unlikely}
     plain = SimpleNamespace(effects=())
     BENCH.workers = 1
-    monkeypatch.setattr(ident.naming, "standing", lambda bench, state, keep: (plain, None))
-    monkeypatch.setattr(ident.naming, "beyond_noise", lambda state, lin: 100.0)
-    monkeypatch.setattr(ident.naming, "catalogue", lambda *of, at: [likely[0], unlikely[0]])
-    monkeypatch.setattr(ident.naming, "refitted", lambda bench, state, short: [refits[c.effect.name] for c, _ in short])
-    monkeypatch.setattr(ident.naming, "fully", lambda bench, state: state)
-    monkeypatch.setattr(ident.choice, "degrees", lambda data: DOF)
+    monkeypatch.setattr(ident.search.naming, "standing", lambda bench, state, keep: (plain, None))
+    monkeypatch.setattr(ident.search.naming, "beyond_noise", lambda state, lin: 100.0)
+    monkeypatch.setattr(ident.search.naming, "catalogue", lambda *of, at: [likely[0], unlikely[0]])
+    monkeypatch.setattr(
+        ident.search.naming, "refitted", lambda bench, state, short: [refits[c.effect.name] for c, _ in short]
+    )
+    monkeypatch.setattr(ident.search.naming, "fully", lambda bench, state: state)
+    monkeypatch.setattr(ident.search.choice, "degrees", lambda data: DOF)
     assert type(plainer(BENCH, found)[0].effect) is best
 
 
@@ -275,18 +279,18 @@ def test_a_wave_that_is_not_whole_in_a_turn_of_the_motor_has_no_name(
 ) -> None:
     found = one(name, left)
     BENCH.workers = 1
-    monkeypatch.setattr(ident.naming, "standing", lambda bench, state, keep: (None, None))
-    monkeypatch.setattr(ident.naming, "beyond_noise", lambda plain, lin: 1000.0)
+    monkeypatch.setattr(ident.search.naming, "standing", lambda bench, state, keep: (None, None))
+    monkeypatch.setattr(ident.search.naming, "beyond_noise", lambda plain, lin: 1000.0)
     promises = {"motor": 10.0, "link": 900.0}
-    monkeypatch.setattr(ident.naming, "wave", lambda lin, port, *of: Candidate(CURVE, promises[port], ()))
+    monkeypatch.setattr(ident.search.naming, "wave", lambda lin, port, *of: Candidate(CURVE, promises[port], ()))
     likely = []
 
     def refitted(bench: Any, state: Any, short: Any) -> Any:
         likely.extend(candidate.gain for candidate, _ in short)
         return [one(CURVE, hastily) for _ in short]
 
-    monkeypatch.setattr(ident.naming, "refitted", refitted)
-    monkeypatch.setattr(ident.naming, "fully", lambda bench, state: one(CURVE, fully)[1])
+    monkeypatch.setattr(ident.search.naming, "refitted", refitted)
+    monkeypatch.setattr(ident.search.naming, "fully", lambda bench, state: one(CURVE, fully)[1])
     assert (of_any_order(BENCH, found) is found) == is_named
     assert set(likely) <= {900.0}, "what promises nothing is not tried"
 

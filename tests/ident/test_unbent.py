@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ident.bench import simulate
-from ident.diagnose import Begun, begin
 from ident.effects.catalogue import parse
-from ident.frf import estimate
-from ident.refits import reduced_chi2
-from ident.unbent import DOUBTED, unbent
+from ident.loop.diagnose import Begun, begin
+from ident.records.frf import estimate
+from ident.search.refits import reduced_chi2
+from ident.search.unbent import DOUBTED, unbent
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 

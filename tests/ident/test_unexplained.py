@@ -8,8 +8,8 @@ from math import inf
 from diagnosed import JOINT, diagnosis
 from diagnosed import unexplained as nothing_found
 
-from ident.departures import Band, Departure
-from ident.unexplained import sources, unexplained
+from ident.loop.unexplained import sources, unexplained
+from ident.search.departures import Band, Departure
 
 
 def test_what_is_left_acts_where_the_friction_does():

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ident.urdf_text import read_inertias, replace_inertias
+from ident.identification.urdf_text import read_inertias, replace_inertias
 from symgen.chain import Inertia
 
 TEXT = """<?xml version="1.0" encoding="{encoding}"?>

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.arm_model import Parameters, Posture, Sampling, response
-from ident.whitening import MODEL_ACCURACY, Noise, noise_powers, whitening
+from ident.arm.arm_model import Parameters, Posture, Sampling, response
+from ident.arm.whitening import MODEL_ACCURACY, Noise, noise_powers, whitening
 
 RNG = np.random.default_rng(3)
 M, R, LINES = 3, 7, 0.5 * np.arange(1, 161)

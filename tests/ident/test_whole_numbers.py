@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from fitting import bench_of
 
-from ident.bench import simulate
-from ident.candidates import Candidate
 from ident.effects.motor import TorqueScale
 from ident.effects.spring import TransmissionError
-from ident.refits import NAMED, Bench, Refit, State, fitted, linearised, reduced_chi2, without_effects
-from ident.tried import with_candidate
-from ident.whole_numbers import each_otherwise, otherwise_if_left
+from ident.search.candidates import Candidate
+from ident.search.refits import NAMED, Bench, Refit, State, fitted, linearised, reduced_chi2, without_effects
+from ident.search.tried import with_candidate
+from ident.search.whole_numbers import each_otherwise, otherwise_if_left
+from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 

@@ -9,9 +9,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from ident.campaign import Array
-from ident.refits import State
-from ident.zeros import far_from_zero
+from ident.loop.zeros import far_from_zero
+from ident.records.campaign import Array
+from ident.search.refits import State
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 

@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from ident.bench import prepare
-from ident.plant import build_plant, linearise
+from ident.simulator.bench import prepare
+from ident.simulator.plant import build_plant, linearise
 from symgen.basis import factor
 from symgen.chain import PRISMATIC, Chain
 from symgen.collision import SelfCollision

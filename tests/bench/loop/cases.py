@@ -18,16 +18,16 @@ import numpy as np
 from draws import KINDS, RANGES, RIGID, SILENT, draw_at_random
 from outside import OUTSIDE_RANGES
 
-from ident.arm_fit import Problem, chi_squared, hold, residual
-from ident.bench import simulate
-from ident.campaign import Campaign
-from ident.confounded import never_told_apart
-from ident.coupled import DOUBTS, declared_start, problem_of
-from ident.descent import minimise
+from ident.arm.arm_fit import Problem, chi_squared, hold, residual
+from ident.arm.coupled import DOUBTS, declared_start, problem_of
+from ident.arm.descent import minimise
+from ident.arm.evidence import evidence, gravity_basis
 from ident.effects.base import Arm, Effect
 from ident.errors import ExperimentError
-from ident.evidence import evidence, gravity_basis
-from ident.frf import estimate
+from ident.loop.confounded import never_told_apart
+from ident.records.campaign import Campaign
+from ident.records.frf import estimate
+from ident.simulator.bench import simulate
 from symgen.chain import Chain, Inertia
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import Drive, Robot, load_robot

@@ -1,0 +1,339 @@
+"""How an arm moved under laws that are known: the motion that is likeliest, given what was measured and what a model knows.
+
+A law acts on the true motion, and what is measured of it is noisy: dry friction of a joint that sticks would be all noise.
+So the measured angles are smoothed by the model, line by line, each by its own noise (a Wiener filter), and a law's force,
+which changes the motion that it is of, is found with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain, islice
+
+import numpy as np
+
+from ident.arm.acting import Moved, Slid, second_order, signals, slope
+from ident.arm.arm_model import Parameters, Sampling
+from ident.arm.likely_motion import Force, Forces, Key, LikelyMotion
+from ident.arm.marching import marched
+from ident.arm.scene import Scene
+from ident.arm.sliding import EVERYWHERE, MEMORY, RIDGE, TURNS, Where, balanced, closer, in_turns, settled, told_by
+from ident.arm.whitening import Powers
+from ident.effects.base import Effect, Law, PeriodicLaw
+from ident.effects.motion import Motion, over_periods
+from ident.records.campaign import Array
+from ident.records.frf import Complex
+
+#: Times all forces are found from the motion under all the others, and most of them where these load each other.
+SWEEPS, MOST_SWEEPS = 3, 30
+#: They agree when they change by less than this share, or nearly when the angles do so, by chi^2, by less than that share of the misfit;
+#: they never will when this is so many times the least, or has not been less so many times in a row.
+SAME, NEARLY, AWAY, IN_VAIN = 1e-4, 0.1, 10.0, 8
+#: Steps towards a force that follows from a position, the change that ends them; resistances [of the median one of the port] that
+#: damp turns to dry friction, tried by turns; behind a spring this share of them.
+STEPS, SETTLED, DAMPED, BEHIND = 20, 1e-4, (0.5, 2.0, 0.125), 0.25
+#: Dry friction stops a joint within so small a part of a sample that it takes so many times as many.
+STOPS = 2
+#: chi^2 of what the motion changes by where forces of second order are those of it, below which it is not found again.
+MOVED = 1.0
+#: Growth of the change from one step to the next, from the least, that ends them too.
+DIVERGED = 100.0
+#: chi^2 per degree of freedom below which no other force is looked for; nor, of one that rattles, another period, and these at most,
+#: told by so many times fewer samples; none after so many in a row that leave more than this share of what is left already.
+EXPLAINED, FITS, PERIODS, COARSER, VAIN, HARDLY = 2.0, 1.1, 10, 4, 3, 0.9
+
+
+def smoothed(
+    scene: Scene,
+    p: Parameters,
+    effects: Sequence[Effect],
+    start: Moved,
+    sampling: Sampling,
+    powers: Powers,
+    turns: int = TURNS,
+    slid: Mapping[Key, Slid] | None = None,
+) -> Moved:
+    """Returns the motion of a record in which the forces of `effects` are those of this very motion; `start` one near to it.
+
+    `sampling` and noise `powers` are those of the record. Dry friction takes up to `turns`: few are enough to compare by; it is
+    looked for from where it was found last, `slid`.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a law that is far too strong
+        return _smoothed(scene, p, effects, start, sampling, powers, turns, dict(slid or {}))
+
+
+def _smoothed(
+    scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, powers: Powers, turns: int,
+    slid: dict[Key, Slid],
+) -> Moved:  # fmt: skip
+    if any(effect.dry for effect in effects):
+        scene = replace(scene, oversampled=STOPS * scene.oversampled)
+    arm = LikelyMotion.of(scene, p, effects, start.second, sampling, powers)
+    on = {key: Force.of(arm.scene, x) for key, x in signals(arm.scene, effects, start.motion).items()}
+    best, least = on, arm.misfit(on)
+    laws = {key: _laws(effects, key[0], int(scene.arm.live[key[1]])) for key in on}
+    rubbing, springy = ([key for key, at in laws.items() if at[kind]] for kind in (0, 1))
+    mixture, vain, most = Mixture(), 0, MOST_SWEEPS if len(on) > 1 and turns >= TURNS else SWEEPS
+    for sweep in range(most):
+        before, on = on, _swept(arm, effects, laws, on, slid, turns, sweep == 0)
+        misfit = arm.misfit(on)
+        vain = 0 if misfit < least else vain + 1
+        hopeless = not misfit < AWAY * least or vain == IN_VAIN
+        if misfit < least:
+            best, least = on, misfit
+        agree = all(now.near(on[key], SAME) for key, now in before.items()) or (bool(rubbing) and len(on) == 1)
+        if start.second is not None:  # told by a motion under forces that followed from what was measured
+            links = arm.likely(best)[1][arm.inside]
+            arm, felt = arm.with_second(second_order(scene, p, effects, links, arm.moving(best)))
+            least = arm.misfit(best)
+            agree = agree and (felt < MOVED or turns < TURNS)
+        if agree or (sweep + 1 >= SWEEPS and (hopeless or arm.changed(before, on) < NEARLY * misfit)):
+            break
+        on = mixture.leads(before, on) if most > SWEEPS else on
+    motion = arm.moving(best)
+    return replace(
+        start, motion=motion, second=None if start.second is None else arm.second[arm.inside],
+        found={key: force.lines[arm.inside] for key, force in best.items()},
+        base=signals(arm.scene, effects, motion),
+        springy={(port, k): motion.at(port, int(scene.arm.live[k]))[0] for port, k in springy},
+        rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing}, slid=slid,
+    )  # fmt: skip
+
+
+#: At a port: laws that are dry, or drag beside these, and else others that are no impedances.
+Laws = tuple[list[PeriodicLaw], list[PeriodicLaw]]
+
+
+def _laws(effects: Sequence[Effect], port: str, joint: int) -> Laws:
+    here = [e for e in effects if isinstance(e, PeriodicLaw) and (e.port, e.joint) == (port, joint)]
+    springs = [law for law in here if not law.linear]
+    if any(law.dry for law in here):
+        return [law for law in springs if law.dry or law.drags], []
+    return [], springs
+
+
+def _swept(
+    arm: LikelyMotion,
+    effects: Sequence[Effect],
+    laws: Mapping[Key, Laws],
+    on: Forces,
+    slid: dict[Key, Slid],
+    turns: int,
+    march: bool,
+) -> Forces:
+    """The forces found at one port after the other, each of the motion under those found last; `slid` is told, too."""
+    for key, now in on.items():
+        motion, (dry, springs) = arm.moving(on), laws[key]
+        others = [e for e in effects if e not in dry and e not in springs]
+        beside = signals(arm.scene, others, motion).get(key, np.zeros(arm.scene.samples))
+        on = on | {key: Force.of(arm.scene, beside)}
+        if dry:
+            force, slid[key] = _sliding(arm, key, dry, motion, on, now, turns, slid.get(key))
+            on = on | {key: on[key].plus(force)}
+        elif springs:
+            force, found = _yielding(arm, key, springs, motion, on, turns, slid.get(key), march)
+            on = on | {key: on[key].plus(force)}
+            if found is not None:
+                slid[key] = found
+    return on
+
+
+@dataclass
+class Mixture:
+    """Forces of sweeps, each from where those before, mixed, seem to lead (D. G. Anderson, J. ACM 12 (1965), DOI 10.1145/321296.321305):
+    at two ports of a joint each may answer the other by more than it was, and sweeps alone would lead away."""
+
+    sizes: list[float] = field(default_factory=list)
+    swept: list[tuple[Array, Array]] = field(default_factory=list)
+
+    def leads(self, before: Forces, found: Forces) -> Forces:
+        """Where the forces lead of which the last sweep made `found`, from those `before`."""
+        if not self.sizes:
+            self.sizes = [float(np.abs([before[key].lines, found[key].lines]).max()) or 1.0 for key in found]
+        start, end = self._row(before), self._row(found)
+        self.swept = [*self.swept[-MEMORY:], (end - start, end)]
+        changes, ends = (np.diff(rows, axis=0) for rows in zip(*self.swept, strict=True))
+        products = changes @ changes.T
+        if not len(products) or not np.isfinite(products).all():
+            return found
+        lifted = products + RIDGE * np.diag(np.diag(products))
+        mixed = end - np.linalg.lstsq(lifted, changes @ (end - start), rcond=None)[0] @ ends
+        parts = zip(found, self.sizes, np.split(mixed, len(found)), strict=True)
+        return {
+            key: Force(np.array(part[:-1] * size).view(complex), float(part[-1] * size)) for key, size, part in parts
+        }
+
+    def _row(self, on: Forces) -> Array:
+        """The forces as numbers in a row, each by its size."""
+        rows = zip(on.values(), self.sizes, strict=True)
+        return np.concatenate([np.append(np.array(x.lines).view(float), x.mean) / size for x, size in rows])
+
+
+def _sliding(
+    arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, start: Force, turns: int, last: Slid | None
+) -> tuple[Force, Slid]:  # fmt: skip
+    """The force of dry `laws` at a port, of the velocity that it leaves, from `start` under the forces `on` besides, or from
+    where it was found `last`.
+
+    Friction f(v) = w - g v and what moves the port, v = v0 - Y f, are met in turns (J. Douglas, H. H. Rachford, Trans. AMS 82
+    (1956), DOI 10.1090/S0002-9947-1956-0084194-4; P.-L. Lions, B. Mercier, SIAM J. Numer. Anal. 16 (1979), DOI
+    10.1137/0716071): it converges for any friction that grows with speed at any port that gives back no more than it got,
+    slowly where a joint slides; so the turns are mixed.
+    """
+    scene, (port, k) = arm.scene, key
+    joint = int(scene.arm.live[k])
+    N = float(scene.arm.N[k]) if port == "motor" else 1.0
+    side = float(np.sign(N))
+    state, astray = motion.state(joint), motion.astray(port, joint)
+    position, measured = state.at(port)
+
+    def friction(where: Where) -> Callable[[Array], Array]:
+        here, place = state if where is EVERYWHERE else state.when(where), position[where]
+        away = astray if astray is None or where is EVERYWHERE else astray.when(where)
+
+        def force(v: Array) -> Array:
+            moved = here.moved(port, place, v)
+            forces = over_periods(lambda at: sum(law.over_period(at) for law in laws), moved, port, away)
+            return np.asarray(-abs(N) * forces, dtype=float)
+
+        return force
+
+    v0, Y = arm.rate(key, on)
+    Y = side * Y
+    reach = 0.0 if astray is None else float((np.abs(astray.mean) + astray.most).max())
+    best, found, least = start, last, np.inf
+    alone = scene.in_time(np.stack([v0, side * start.lines], axis=1))
+    driven = arm.images[:, k] * abs(scene.arm.N[k]) if port == "motor" else None
+
+    def likely(g: float) -> list[Array]:
+        return [friction(EVERYWHERE)(v) + g * v for v in (measured, balanced(scene, friction(EVERYWHERE), v0, Y))]
+
+    ways: list[Callable[[float], list[Array]]] = [likely, lambda g: [g * alone[:, 0] - alone[:, 1]]]
+    tries = [(times, way) for times in DAMPED for way in ways]
+    if last is not None:
+        v, f = (told_by(x, scene.samples) for x in last)
+        tries.insert(0, (DAMPED[0], lambda g: [f + g * v]))
+    for times, way in tries:
+        g = times * (BEHIND if port == "link" else 1.0) / float(np.median(np.abs(Y)))
+        force, slope, ends = in_turns(scene, friction, g, v0, Y, way(g), turns, reach, driven)
+        force = replace(force, lines=side * force.lines, mean=side * force.mean)
+        misfit = arm.misfit(on | {key: on[key].plus(force)})
+        found = ends if found is None else found
+        if misfit < least:  # else it is no number: a law that is far too strong
+            best, found, least = force, ends, misfit
+        if turns < TURNS or least < EXPLAINED * arm.degrees or slope.min() >= 0.0:
+            break  # friction that never falls with speed is met in one motion only
+    assert found is not None
+    return best, found
+
+
+@dataclass(frozen=True, eq=False)
+class Port:
+    """How a port moves: by itself, `x0` [L] at the lines, and under a force there, `Y` [L]; a spring of stiffness `K` carries a `load` on
+    the mean, without K the mean stays. Where it is: amplitudes at the lines and the mean [2 L + 1]."""
+
+    scene: Scene
+    x0: Complex
+    Y: Complex
+    K: float
+    load: float
+
+    def moves(self, at: Array) -> Array:
+        """Position and velocity [2, S] of where it is."""
+        lines = at[:-1].view(complex)
+        moving = self.scene.in_time(np.stack([lines, self.scene.s * lines], axis=1))
+        return np.asarray(moving.T + np.array([[at[-1]], [0.0]]))
+
+    def place(self, x: Array) -> Array:
+        """Where it is, of its position [S]."""
+        return np.append(self.scene.at_lines(x).view(float), float(np.mean(x)))
+
+    def left_by(self, F: Array, at: Array, stiffness: float, damping: float) -> Array:
+        """Where a force [S] leaves it that was there, a line through the force solved for."""
+        line = stiffness + damping * self.scene.s
+        lines = (self.x0 + self.Y * (self.scene.at_lines(F) - line * at[:-1].view(complex))) / (1.0 - line * self.Y)
+        missing = self.load - self.K * at[-1] - float(F.mean())
+        mean = at[-1] + (missing / max(self.K + stiffness, 0.1 * self.K) if self.K else 0.0)
+        return np.append(lines.view(float), mean)
+
+
+def _yielding(
+    arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, turns: int, last: Slid | None, march: bool
+) -> tuple[Force, Slid | None]:  # fmt: skip
+    """The force of `laws` at a port, of the position that it leaves, under the forces `on` besides; and both, if turns to it did not
+    settle by themselves: it is looked for from the `last` ones.
+
+    The best lines through force and position, force and velocity are solved for exactly, what is left of the law in turns; where
+    these do not settle it may be marched, or is met by Newton's steps.
+    """
+    scene, (name, k) = arm.scene, key
+    joint = int(scene.arm.live[k])
+    N = float(scene.arm.N[k]) if name == "motor" else 1.0
+    state = motion.state(joint)
+    v0, Y = arm.rate(key, on)
+    load = float(arm.loads(on)[joint]) - on[key].mean
+    port = Port(scene, v0 / scene.s, Y / scene.s, float(arm.p.K[joint]) if name == "spring" else 0.0, load)
+
+    def force(x: Array, v: Array) -> Array:
+        moved = state.moved(name, x, v)
+        return np.asarray(N * sum(law.over_period(moved) for law in laws), dtype=float)
+
+    x, v = state.at(name)
+    at = port.place(x)
+    if last is not None:
+        at = port.place(told_by(last[0], scene.samples).astype(float))
+        x, v = port.moves(at)
+    F = force(x, v)
+    best, there, least, size = F, at, np.inf, np.std(F)
+    for _ in range(STEPS if last is None else 1):
+        at = port.left_by(F, at, slope(x, F), slope(v, F))
+        x, v = port.moves(at)
+        before, F = F, force(x, v)
+        change = float(np.std(F - before))
+        if change < least:
+            best, there, least = F, at, change
+        if not DIVERGED * least > change > SETTLED * size:
+            break
+    if not least > SETTLED * size:
+        return Force.of(scene, best), None
+    instant = all(isinstance(law, Law) for law in laws)  # of no memory
+    if instant and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
+        rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
+        alone, gives = _by_instants(scene, port.x0, port.Y, rest, yields)
+        step = scene.samples // len(alone)
+        _, against = closer(lambda x: -force(x, 0.0 * x), alone, np.fft.rfft(gives), x[::step])
+        periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[::step])
+        return _likeliest(arm, key, on, best, chain([-against], islice(periods, PERIODS if march else 0))), None
+    x, v = port.moves(there)
+    line = slope(x, best), slope(v, best)
+    x, v = port.moves(settled(lambda at: port.left_by(force(*port.moves(at)), at, *line) - at, there, turns))
+    F = force(x, v)
+    return _likeliest(arm, key, on, best, iter([F])), (x.astype(np.float32), F.astype(np.float32))
+
+
+def _by_instants(scene: Scene, x0: Complex, Y: Complex, rest: float, yields: float) -> tuple[Array, Array]:
+    """How a port moves alone, and by a unit force at one instant, [S] each, from amplitudes at the lines; it rests at `rest`, and
+    `yields` to a constant force. S is a whole part of the scene's samples that tells all of its lines."""
+    S = scene.samples
+    while S > scene.samples // COARSER and S // 4 > scene.lines[-1]:
+        S //= 2
+    alone, gives = np.zeros((2, S // 2 + 1), dtype=complex)
+    alone[0], alone[scene.lines] = S * rest, x0 * (S / 2)
+    gives[0], gives[scene.lines] = -yields, Y
+    return np.fft.irfft(alone, S), np.fft.irfft(gives, S)
+
+
+def _likeliest(arm: LikelyMotion, key: Key, on: Forces, found: Array, more: Iterator[Array]) -> Force:
+    """That of the forces [S] at a port which explains the record best: `found`, or one of `more` until one is enough, or several in a
+    row explain hardly more."""
+    best, least, vain = Force.of(arm.scene, found), np.inf, 0
+    for force in chain([found], more):
+        tried = Force.of(arm.scene, force)
+        misfit = arm.misfit(on | {key: tried})
+        vain = 0 if misfit < HARDLY * least else vain + 1
+        if misfit < least:
+            best, least = tried, misfit
+        if least < FITS * arm.degrees or vain == VAIN:
+            break
+    return best

@@ -1,0 +1,339 @@
+"""The loop: the residual of the declared arm, the port where it acts, the effect that makes it; added, refitted, judged.
+
+Three kinds of record keep it honest: the model is fitted on some, effects are chosen on others, errors are reported on
+the rest. What was chosen is fitted once more, on all but these. Nothing here knows more than the campaign file: the
+declared robot, the catalogue, the records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ident.arm.coupled import declared_start
+from ident.arm.evidence import Evidence, evidence, gravity_basis
+from ident.arm.parts import Split, degrees, split, split_lines
+from ident.effects.learned import Learned
+from ident.errors import IdentError
+from ident.records.campaign import Campaign
+from ident.records.frf import Frf, estimate
+from ident.search.added import Added, exchanged, pruned, renamed, renewed, was_named
+from ident.search.apart import apart
+from ident.search.changes import told_of
+from ident.search.choice import Tried
+from ident.search.contradicted import Off, contradicted, merged, standard_deviations
+from ident.search.departures import Departure, Errors, errors
+from ident.search.each_record import in_each_record
+from ident.search.minima import afresh, elsewhere, links_anew, settled
+from ident.search.one_more import one_more
+from ident.search.refits import (
+    HASTILY,
+    NAMED,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    begun,
+    fitted,
+    on_declared_links,
+    reduced_chi2,
+    same,
+    some,
+)
+from ident.search.rest import (
+    LEFT,
+    is_doubtful,
+    is_little,
+    is_of_one_joint,
+    is_suspect,
+    is_uneven,
+    left_over,
+    may_be_bent,
+    may_bend,
+    share_left,
+    something_departs,
+)
+from ident.search.rounds import another
+from ident.search.trials import BENT, explains
+from ident.search.unbent import unbent
+from ident.search.whole_numbers import each_otherwise
+from symgen.plan import Model
+
+#: Rounds at most; each adds an effect, or more at once.
+MOST_ROUNDS = 4
+#: Share of the excess left by the first effect where these may that ends the search.
+MUCH = 0.3
+#: Noise powers from which effects are looked for so beside those that were found, too.
+DOUBTED = 1.0
+#: Said where the parts are of lines.
+BY_LINES = (
+    "what departs hardly shows in the records that fit, or in those that choose: lines of every record in each part"
+)
+#: Whether what is left of a model by such parts of the records is another's to explain.
+GivesWay = Callable[[State, Split], bool]
+
+
+def _nothing(line: str) -> None:
+    """Says nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was found. `start` is the arm without effects, `end` with them; `off` declared numbers that it contradicts, surest first; `status` as in the verdict format."""
+
+    campaign: Campaign
+    model: Model
+    responses: tuple[Frf, ...]
+    split: Split
+    start: State
+    end: State
+    added: tuple[Added, ...]
+    off: tuple[Off, ...]
+    before: Errors
+    after: Errors
+    departures: tuple[Departure, ...]
+    status: str
+
+    @property
+    def first(self) -> State:
+        """The model that the errors `before` are those of."""
+        return _first(self.start, self.added, self.off)
+
+    @property
+    def left(self) -> float:
+        """chi^2 per degree of freedom on the choosing records."""
+        return self.end.select / max(degrees(self.split.select), 1)
+
+
+def diagnose(campaign: Campaign, model: Model, *, workers: int = 1, say: Callable[[str], None] = _nothing) -> Diagnosis:
+    """Returns what explains the records of `campaign` beyond the declared arm `model`, errors before and after.
+
+    Candidates are tried by `workers` processes; the result does not depend on how many.
+    Raises IdentError for a campaign without usable records.
+    """
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    return begin(campaign, model, responses, workers, say=say).diagnosed()
+
+
+def _never(state: State, split: Split) -> bool:
+    return False
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """The evidence of all records, `responses` theirs, and `start`, the arm without effects; by lines of every record where those that
+    fit tell too little of it."""
+
+    responses: tuple[Frf, ...]
+    data: tuple[Evidence, ...]
+    bench: Bench
+    start: State
+
+    @property
+    def departs(self) -> bool:
+        """Whether anything but noise is left of the records without effects."""
+        return something_departs(self.bench, self.start) or is_suspect(self.bench, self.start)
+
+    @property
+    def alone(self) -> float:
+        """chi^2 per degree of freedom that the arm without effects leaves on the choosing records."""
+        return reduced_chi2(self.bench, self.start)
+
+    def beside(self, end: State, split: Split, fewer: int = 0) -> tuple[Bench, State]:
+        """This arm with the effects found with another, `end`, by the same parts of the records, or with so many `fewer` of them as do
+        best. By lines of every record where its own parts are, as those of records tell it too little."""
+        bench, n = self.bench, self.bench.model.chain.n
+        if split.note or not bench.split.note:
+            bench = replace(bench, split=self._parted(split))
+        count = len(end.effects)
+        parts = [some(end, keep) for keep in combinations(range(count), count - fewer)]
+        arms = [self.start.minimum.vector, np.concatenate([end.minimum.vector[: 4 * n], bench.guess.vector()[4 * n :]])]
+        values = end.problem.base
+        refits = [replace(part, vector=np.concatenate([arm, part.vector[values:]])) for part in parts for arm in arms]
+        hastily = all_fitted(bench, [replace(one, roughly=HASTILY) for one in refits])
+        return bench, fitted(bench, Refit.of(min(hastily, key=lambda state: state.select)))
+
+    def _parted(self, split: Split) -> Split:
+        """The evidence of this arm in the same parts as that of another."""
+        own = {one.index: one for one in self.data}
+        fit, select, report = (
+            tuple(replace(own[one.index], judged=one.judged) for one in part)
+            for part in (split.fit, split.select, split.report)
+        )
+        return Split(fit, select, report, split.note)
+
+    def diagnosed(self, gives_way: GivesWay = _never) -> Diagnosis:
+        """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm."""
+        data, bench, start = self.data, self.bench, self.start
+        if bench.split.note:
+            bench.say(BY_LINES)
+        state, added = _loop(bench, start, None, gives_way)
+        left = left_over(bench, start, state)
+        if not bench.split.note and not bench.late and is_doubtful(bench, start, state, bool(left)):
+            bench.say(BY_LINES)
+            by_lines = _by_lines(bench, data)
+            resumed = _resumed(*by_lines, state, added)
+            if resumed is not None or (left and (not added or share_left(bench, start, state) > LEFT)):
+                other, more = _loop(*by_lines, resumed, gives_way)
+                if share_left(*by_lines, other) < share_left(bench, start, state):
+                    (bench, start), state, added = by_lines, other, more
+                    left = left_over(bench, start, state)
+        if left and is_of_one_joint(bench, start, state, added):
+            bench.say(f"not named, as it leaves {reduced_chi2(bench, state):.4g}: {added[0].effect.name}")
+            state, added = start, []
+            left = left_over(bench, start, state)
+        found, contradictions = state, () if left else contradicted(bench, state)
+        state, off = merged(state, contradictions)
+        state = settled(bench, state)
+        start = state if found is start else _better(start, added)
+        final = _as_found(state, added, contradictions)
+        told = told_of(bench.split, state, bench.split.report)
+        before = errors(bench, _first(start, final, off), told)
+        after = errors(bench, state, told)
+        if final:
+            final = (*final[:-1], replace(final[-1], after=after.all))
+        status = status_of(bool(left), bool(final), bool(off), before.all, after.all)
+        campaign, model = bench.campaign, bench.model
+        return Diagnosis(
+            campaign, model, self.responses, bench.split, start, state, final, off, before, after, left, status
+        )
+
+
+def status_of(left: bool, effects: bool, off: bool, before: float, after: float) -> str:
+    """Status of the verdict: whether anything is `left` of the records, there are `effects`, declared numbers are `off`; held-out errors.
+    Effects with which records that nothing has seen are told worse are none of those that act."""
+    if left or (effects and after > before):
+        return "unexplained"
+    return "effect-found" if effects or off else "explained"
+
+
+def _first(start: State, added: Sequence[Added], off: Sequence[Off]) -> State:
+    """The arm without effects; where only declared numbers are off, with those as declared."""
+    return off[0].without if off and not added else start
+
+
+def _as_found(state: State, added: Sequence[Added], contradictions: Sequence[Off]) -> tuple[Added, ...]:
+    """The entries of the effects that a model has, in the order in which they were added, as they are in it."""
+    return tuple(
+        replace(a, effect=e, std=standard_deviations(state, e, contradictions))
+        for a in added
+        for e in state.effects
+        if same(a.effect, e)
+    )
+
+
+def _better(start: State, added: Sequence[Added]) -> State:
+    """The arm without effects, as it was fitted best: from what is declared, or from where the first effect has led it, which may
+    have been made superfluous by another."""
+    others = [one.besides for one in added if one.besides is not None and not one.besides.effects]
+    return min([start, *others], key=lambda state: state.select)
+
+
+def begin(
+    campaign: Campaign,
+    model: Model,
+    responses: tuple[Frf, ...],
+    workers: int = 1,
+    until: float = np.inf,
+    say: Callable[[str], None] = _nothing,
+) -> Begun:
+    """Returns what a diagnosis begins with; `responses` are those of all records; nothing new is looked for once `time.monotonic()` is
+    `until`. Raises IdentError for none."""
+    if not campaign.records:
+        raise IdentError("the campaign holds no records; expected at least one")
+    basis = gravity_basis(model, campaign.gravity)
+    data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
+    guess = declared_start(campaign, model, responses, basis)
+    bench = Bench(campaign, model, basis, split(data, model), guess, workers, until=until, say=say)
+    bench, start = begun(bench)
+    if not bench.split.note and is_uneven(bench, start):
+        bench, start = _by_lines(bench, data)
+    return Begun(responses, data, bench, start)
+
+
+def _by_lines(bench: Bench, data: tuple[Evidence, ...]) -> tuple[Bench, State]:
+    """All records in each part, and the arm without effects."""
+    return begun(replace(bench, split=split_lines(data, "what departs shows in too few records")))
+
+
+def _resumed(bench: Bench, start: State, found: State, added: Sequence[Added]) -> tuple[State, list[Added]] | None:
+    """The model with effects that were `found`, and `added`, by other parts of the records, if it leaves little by these, too: on declared
+    links, if it then leaves nothing, which the other parts may not have told. Models `besides` are not kept: they were judged by
+    those."""
+    if not added:
+        return None
+    plain = on_declared_links(found)
+    state = fitted(bench, plain or Refit.of(found))
+    if plain is not None and reduced_chi2(bench, state) > NAMED:
+        state = fitted(bench, Refit.of(found))
+    if share_left(bench, start, state) > LEFT:
+        return None
+    report = bench.split.report
+    entries = [replace(one, besides=None) for one in added]
+    entries[0] = replace(entries[0], before=errors(bench, start, report).all)
+    entries[-1] = replace(entries[-1], after=errors(bench, state, report).all)
+    return state, entries
+
+
+def _loop(
+    bench: Bench,
+    start: State,
+    resumed: tuple[State, list[Added]] | None = None,
+    gives_way: GivesWay = _never,
+) -> tuple[State, list[Added]]:
+    """The arm with those effects that earned their place beyond `start`, or beyond those `resumed`, and these in the order in which
+    they were added."""
+    state, added = resumed or (start, [])
+    bench.say(
+        f"the {'arm with what was found' if added else 'declared arm'}: chi2 {reduced_chi2(bench, state):.3g} a degree of freedom"
+    )
+    state = begun_afresh = links_anew(bench, state) if added else state
+    if not added and reduced_chi2(bench, state) > BENT:
+        bench = unbent(bench, state)
+    missing: Sequence[Tried] = ()
+    for _ in range(MOST_ROUNDS):
+        little = bool(added) and is_little(bench, start, state)
+        departs = something_departs(bench, state) or (
+            (not added or reduced_chi2(bench, state) > DOUBTED) and is_suspect(bench, state)
+        )
+        if not departs or (little and reduced_chi2(bench, state) <= NAMED) or bench.late:
+            break
+        if added and not missing and gives_way(state, bench.split):
+            break
+        bends = not bench.split.note and may_bend(bench, start, state)  # then it is tried by lines next
+        partly = [one for entry in reversed(added) for one in entry.partly]
+        step = another(bench, state, little, bends, partly, missing)
+        if step is None:
+            break
+        state, more = step
+        added += more
+        if bench.late:
+            break
+        state, added = in_each_record(bench, state, added)
+        missing, tried_from = (), state
+        if may_be_bent(bench, start, state):  # is what was missing the way, or is more missing?
+            missing = one_more(bench, state)
+            if not missing:
+                state = begun_afresh = afresh(bench, state)
+        if (
+            not (missing or bench.split.note)
+            and share_left(bench, start, state) > MUCH
+            and may_bend(bench, start, state)
+        ):
+            break  # lines of every record tell more
+        state, added = apart(bench, state, added)
+        state, added = exchanged(bench, state, added)
+        state, added = pruned(bench, state, added)
+        for curve in [e for e in state.effects[:-1] if isinstance(e, Learned) and not was_named(e)]:
+            state, added = renamed(bench, state, curve, added)
+        missing = missing if state is tried_from else ()
+    if added and state is not begun_afresh and not bench.late and may_be_bent(bench, start, state):
+        state = afresh(bench, state)
+    for effect in state.effects[:-1]:  # found while others were missing
+        if not (bench.late or explains(bench, state)):
+            new = elsewhere(bench, state, effect)
+            state, added = new, renewed(state, new, added)
+    return each_otherwise(bench, state), added

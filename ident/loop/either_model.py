@@ -1,0 +1,115 @@
+"""A campaign diagnosed with the constants that it can bear: those of general links, or fewer, the URDF's zeros believed.
+
+Links that are drawn symmetric have products of inertia that are exactly zero. To take them for unknown is never wrong, but
+what an undeclared effect bends can then hide in them, the more so as a part of the records only fits: a joint whose zero is
+off looks like a link that is not symmetric. What takes fewer numbers is the simpler explanation. Fewer causes are it only where
+the zeros are seen to be none: more constants than these take up what has a name without being a cause.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from math import inf
+
+from ident.arm.parts import Split
+from ident.identification.campaign_model import model_of_campaign
+from ident.loop.diagnose import Begun, Diagnosis, begin
+from ident.loop.zeros import far_from_zero
+from ident.records.campaign import Campaign
+from ident.records.frf import estimate
+from ident.search.one_more import one_more
+from ident.search.refits import CLOSE, NAMED, State, reduced_chi2
+from symgen.plan import model_of_urdf
+
+#: General links are tried where they leave less than this share of what is left when zeros are believed, beside the same
+#: effects, and taken where they do with their own.
+BETTER = 0.8
+#: They are tried, too, where they explain the records with so many effects fewer.
+FEWER = 2
+#: They come first where they leave less than this share of what is left when zeros are believed, without effects, and are gone over
+#: to where they do beside those found. It was 0.1 at most where a link was off, 0.4 at least where none was.
+FAR = 0.2
+#: They are taken where they explain the records with this share of the causes: which numbers are told as off is chance at the margin.
+HALF = 0.5
+
+
+def diagnose_either(
+    campaign: Campaign,
+    believe_zeros: bool | None = None,
+    *,
+    workers: int = 1,
+    say: Callable[[str], None] = lambda line: None,
+    seconds: float = inf,
+) -> tuple[Diagnosis, tuple[str, ...]]:
+    """Returns the diagnosis of a campaign and notes on its constants; `believe_zeros` None lets the records decide.
+
+    Nothing new is looked for after so many `seconds` [s]: what was found by then is told.
+    Raises IdentError for a campaign without usable records.
+    """
+    until = time.monotonic() + seconds
+    found, notes = _diagnosed(campaign, believe_zeros, workers, say, until)
+    if found.status == "unexplained" and time.monotonic() > until:
+        notes += (f"The search was ended after {seconds:.0f} s: a longer one may find more (--minutes).",)
+    return found, notes
+
+
+def _diagnosed(
+    campaign: Campaign, believe_zeros: bool | None, workers: int, say: Callable[[str], None], until: float
+) -> tuple[Diagnosis, tuple[str, ...]]:
+    """As `diagnose_either`, until a time."""
+    responses = tuple(estimate(record, campaign) for record in campaign.records)
+    model, notes = model_of_campaign(campaign, responses, believe_zeros, "coupled")
+    general = begin(campaign, model, responses, workers, until, say)
+    symmetric = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=True)
+    more = len(model.alpha_cad) - len(symmetric.alpha_cad)
+    if believe_zeros is not None or not more:
+        return general.diagnosed(), notes
+    believed = len(symmetric.factoring.believed)
+    simplest = begin(campaign, symmetric, responses, workers, until, say)
+    alone = not general.departs
+    by_general = cache(lambda: general.diagnosed())
+    far = not alone and general.alone < FAR * simplest.alone
+    if far:  # a search with the zeros believed would look for what links that are not symmetric do
+        found = by_general()
+        beside = simplest.beside(found.end, found.split)
+        if found.left <= NAMED and reduced_chi2(*beside) > CLOSE and not one_more(*beside):
+            return found, notes
+    say(f"the {believed} zeros of the URDF believed")
+
+    def gives_way(state: State, split: Split) -> bool:
+        bench = replace(simplest.bench, split=split)
+        far = not bench.late and reduced_chi2(*general.beside(state, split)) < FAR * reduced_chi2(bench, state)
+        return far and not one_more(bench, state)
+
+    simple = simplest.diagnosed(gives_way)
+    explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
+    if not far and explained and _things(simple) > 1 and (alone or _fewer_do(general, simple)):
+        found = by_general()
+        fewer = found.left <= NAMED and _things(found) <= HALF * _things(simple)  # what needs fewer causes is likelier
+        if fewer and far_from_zero(found.model, symmetric, found.end):
+            return found, notes
+    if not explained and (
+        far
+        or alone
+        or (not general.bench.late and reduced_chi2(*general.beside(simple.end, simple.split)) < BETTER * simple.left)
+    ):
+        found = by_general()
+        if alone or found.left < BETTER * simple.left:
+            return found, notes
+    note = (
+        f"The {believed} inertial parameters that are exactly zero in the URDF are believed to be zero: more constants explain the "
+        "records no better (--no-believe-zeros takes them for unknown"
+    )
+    return simple, (note + ("; then the records are explained without an effect, too)." if alone else ")."),)
+
+
+def _fewer_do(general: Begun, simple: Diagnosis) -> bool:
+    return len(simple.end.effects) > FEWER and reduced_chi2(*general.beside(simple.end, simple.split, FEWER)) <= NAMED
+
+
+def _things(found: Diagnosis) -> int:
+    """How many causes a diagnosis names."""
+    return len(found.end.effects) + len(found.off)

@@ -1,0 +1,220 @@
+"""Files of other programs as named arrays of numbers: MAT, CSV, NPZ, HDF5, MCAP. What is no number is left out.
+
+The campaign file has its own door, `store`; these files are foreign and are only read.
+"""
+
+from __future__ import annotations
+
+import struct
+import tokenize
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.errors import ImportingError
+
+Array = NDArray[np.float64]
+
+#: Name -> numbers: a scalar [], a signal [T] or several side by side [T, m].
+Variables = Mapping[str, Array]
+
+#: Lines of a text file that are searched for the first row of numbers.
+_HEAD_LINES = 200
+
+#: What the libraries are known to raise on a damaged file.
+_DAMAGE = (
+    OSError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError, AttributeError, RuntimeError, EOFError,
+    zlib.error, zipfile.BadZipFile, struct.error, SyntaxError, NameError, tokenize.TokenError,
+)  # fmt: skip
+
+_MAT73 = b"MATLAB 7.3"
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_MCAP = b"\x89MCAP"
+
+
+def read_variables(path: str | Path) -> Variables:
+    """Returns every array of real numbers in the file, by name, with at most two dimensions.
+
+    Fields of a MATLAB struct are called `log.q`, datasets of an HDF5 group `log/q`, columns of a CSV file by their
+    heading or, without one, by their number from 1, fields of an MCAP topic as in `mcap_topics`. A vector stored as one row or one column is [T]. The kind is told by
+    the content, not by the name. ImportingError, one line that starts with the path, for what can not be read.
+    """
+    path = Path(path)
+    try:
+        if not path.is_file():
+            raise ImportingError(f"{path}: no such file; expected a record (MAT, CSV, NPZ, HDF5 or MCAP)")
+        with path.open("rb") as file:
+            head = file.read(1024)
+        kind, reader = _reader(path, head)
+    except (OSError, ValueError) as error:
+        raise ImportingError(f"{path}: cannot be read: {_line(error)}") from None
+    try:
+        found = dict(reader(path))
+    except ImportingError:
+        raise
+    except _DAMAGE as error:
+        raise ImportingError(f"{path}: not a readable {kind} file: {_line(error)}") from None
+    if not found:
+        raise ImportingError(f"{path}: a {kind} file without numbers; expected the samples of a record")
+    return found
+
+
+def _reader(path: Path, head: bytes) -> tuple[str, Callable[[Path], Iterator[tuple[str, Array]]]]:
+    if head.startswith(_MCAP):
+        return "MCAP", _mcap
+    if head.startswith(_MAT73) or (_HDF5 in (head[:8], head[512:520]) and path.suffix.lower() == ".mat"):
+        return "MAT 7.3", _mat73
+    if head.startswith(_HDF5):
+        return "HDF5", _hdf5
+    if head.startswith(b"PK"):
+        return "NPZ", _npz
+    if head.startswith(b"MATLAB") or path.suffix.lower() == ".mat":
+        return "MAT", _mat
+    if b"\0" in head:
+        raise ImportingError(f"{path}: a binary file of unknown kind; expected MAT, CSV, NPZ, HDF5 or MCAP")
+    return "CSV", _csv
+
+
+# MAT, NPZ, HDF5, MCAP -------------------------------------------------------------------------------------------------------
+
+
+def _mat(path: Path) -> Iterator[tuple[str, Array]]:
+    from scipy.io import loadmat
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # variables without a name, objects of unknown classes: left out anyway
+        content = loadmat(path, simplify_cells=True)
+    yield from _fields({name: value for name, value in content.items() if not name.startswith("__")}, "")
+
+
+def _fields(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Array]]:
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _fields(value, f"{prefix}{name}.")
+        elif (array := _numbers(value)) is not None:
+            yield f"{prefix}{name}", array
+
+
+def _npz(path: Path) -> Iterator[tuple[str, Array]]:
+    if not zipfile.is_zipfile(path):
+        raise ImportingError(f"{path}: a damaged NPZ file: its end is missing")
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as content:  # numpy leaves a damaged file open
+        for name in content.files:
+            try:
+                array = _numbers(content[name])
+            except ValueError:  # an array of Python objects
+                continue
+            if array is not None:
+                yield name, array
+
+
+def _hdf5(path: Path) -> Iterator[tuple[str, Array]]:
+    for name, dataset in _datasets(path):
+        if (array := _numbers(dataset[()])) is not None:
+            yield name, array
+
+
+def _mcap(path: Path) -> Iterator[tuple[str, Array]]:
+    from ident.machines.mcap_topics import read_topics
+
+    return read_topics(path)
+
+
+def _mat73(path: Path) -> Iterator[tuple[str, Array]]:
+    """MATLAB keeps arrays column by column: what HDF5 calls [m, T] was [T, m]."""
+    for name, dataset in _datasets(path):
+        kind = dataset.attrs.get("MATLAB_class", b"")
+        if name.startswith("#") or kind in (b"char", b"cell") or "MATLAB_empty" in dataset.attrs:
+            continue
+        if (array := _numbers(np.transpose(dataset[()]))) is not None:
+            yield name.replace("/", "."), array
+
+
+def _datasets(path: Path) -> Iterator[tuple[str, Any]]:
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        names: list[str] = []
+        file.visit(names.append)
+        for name in names:
+            if isinstance(file[name], h5py.Dataset):
+                yield name, file[name]
+
+
+def _numbers(value: Any) -> Array | None:
+    """The value as floats with the axes of length one taken off; None if it is no array of real numbers."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # a cell array of things of different shapes
+        return None
+    if array.dtype.kind not in "biuf" or array.size == 0:
+        return None
+    array = array.squeeze()
+    return array.astype(float) if array.ndim <= 2 else None
+
+
+# CSV ------------------------------------------------------------------------------------------------------------------
+
+
+def _csv(path: Path) -> Iterator[tuple[str, Array]]:
+    """Columns of a text file: separated by commas, semicolons or tabs (then with either decimal sign), or blanks."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        head = [line.rstrip("\n") for _, line in zip(range(_HEAD_LINES), file, strict=False)]
+    first, separator = _first_row(path, head)
+    names = _heading(head[:first], separator, len(_split(head[first], separator)))
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        rows = (_points(line, separator) for line in file)
+        try:
+            values = np.loadtxt(rows, delimiter=separator, skiprows=first, ndmin=2, comments="#")
+        except ValueError as error:
+            text = _line(error).removesuffix(".")
+            raise ImportingError(f"{path}: below line {first}: {text}; expected {len(names)} numbers a row") from None
+    yield from zip(names, values.T, strict=True)
+
+
+def _first_row(path: Path, head: list[str]) -> tuple[int, str | None]:
+    """Where numbers begin (line, from 0), and what separates them."""
+    for k, line in enumerate(head):
+        for separator in (",", ";", "\t", None):
+            cells = _split(_points(line, separator), separator)
+            if cells and not line.lstrip().startswith("#") and all(map(_is_number, cells)):
+                return k, separator
+    raise ImportingError(
+        f"{path}: no row of numbers in the first {len(head)} lines; expected MAT, CSV, NPZ, HDF5 or MCAP"
+    )
+
+
+def _points(line: str, separator: str | None) -> str:
+    """The line with decimal points: between semicolons or tabs a comma is nothing else."""
+    return line.replace(",", ".") if separator in (";", "\t") else line
+
+
+def _heading(above: list[str], separator: str | None, count: int) -> list[str]:
+    """The names of the columns: the first line above the numbers with as many cells, else their numbers from 1."""
+    for line in above:
+        cells = [cell.strip().strip("\"'").strip() for cell in _split(line.lstrip("# "), separator)]
+        if len(cells) == count and not all(map(_is_number, cells)):
+            return [cell if cell and cells.index(cell) == k else str(k + 1) for k, cell in enumerate(cells)]
+    return [str(k + 1) for k in range(count)]
+
+
+def _split(line: str, separator: str | None) -> list[str]:
+    return line.split(separator) if line.strip() else []
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:300] or type(error).__name__

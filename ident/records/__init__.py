@@ -1,0 +1,1 @@
+"""What was measured: records of one robot, their files, their frequency responses, and what can be wrong with them."""

@@ -1,0 +1,81 @@
+"""Faults of the recording that would end in a wrong number: named, with the joint, the record and what to do.
+
+A sign, a unit, a gear ratio or a pair of cables is recognised from the data; what is found is only what no error of CAD or of
+a datasheet explains.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.errors import IdentError
+from ident.records.campaign import Campaign
+from ident.records.joint_faults import NEAR, at_rest, in_motion, observe, played, swapped, wrong_ratio
+from ident.records.reversed_gear import reversed_gear
+from ident.records.signal_faults import FLAG, REFUSE, Fault, of_signals
+from symgen.plan import Model
+
+__all__ = ["FLAG", "REFUSE", "Fault", "doubtful_ratio", "faults", "refuse"]
+
+#: K and J_ii that are both off by this factor, and by the same one up to `NEAR`, are a gear ratio that is off by its root.
+TOGETHER = 2.0
+
+
+def faults(campaign: Campaign, model: Model) -> tuple[Fault, ...]:
+    """Returns what is wrong with the records; empty where nothing is. `model` is the declared arm's.
+
+    Nothing is concluded from J_m or K where the campaign has none.
+    """
+    looks = [observe(campaign, model, record) for record in campaign.records]
+    mixed = list(played(campaign, looks))
+    found = mixed[:]
+    spoilt = {fault.record for fault in found}
+    pairs = list(swapped(campaign, [one for one in looks if one.record.id not in spoilt]))
+    found += [fault for *_, fault in pairs]
+    exchanged = {campaign.joints[j] for i, k, _ in pairs for j in (i, k)}
+    for record in campaign.records:
+        others = [
+            fault
+            for fault in of_signals(campaign, record)
+            if fault.name != "stuck encoder" or not (record.id in spoilt or fault.joint in exchanged)
+        ]
+        found += others
+        spoilt |= {record.id for _ in others}
+    sound = [one for one in looks if one.record.id not in spoilt]
+    free = [j for j, name in enumerate(campaign.joints) if sound and not mixed and name not in exchanged]
+    # at rest, in motion, in motion and finely: a fault of one joint disturbs the motion that is expected of the others
+    found += [fault for j in free for fault in at_rest(campaign, sound, j)]
+    if not found:
+        found += [fault for j in free for fault in in_motion(campaign, sound, j)]
+    if not found:
+        found += [fault for j in free for fault in wrong_ratio(campaign, sound, j)]
+    if not found:
+        found += [fault for j in free for fault in reversed_gear(campaign, sound, j)]
+    return tuple(found)
+
+
+def refuse(campaign: Campaign, model: Model) -> tuple[Fault, ...]:
+    """Returns the faults that leave numbers of some use. IdentError, one line naming the first, if there is one that does not."""
+    found = faults(campaign, model)
+    fatal = [fault for fault in found if fault.severity == REFUSE]
+    if fatal:
+        more = "; ".join(dict.fromkeys(f"{fault.name} ({fault.joint or fault.record})" for fault in fatal[1:]))
+        raise IdentError(fatal[0].line + (f" [{len(fatal) - 1} more: {more}]" if more else ""))
+    return found
+
+
+def doubtful_ratio(joint: str, N: float, K: float, J: float) -> tuple[Fault, ...]:
+    """Returns the doubt that a fit leaves about a gear ratio: `K` and `J` are what was found of K and J_ii over what was declared.
+
+    Both go with N^2 where the datasheet's J_m is right, and nothing else moves them alike.
+    """
+    low, high = sorted((K, J))
+    alike = low > 0 and high <= NEAR * low
+    if abs(N) <= 1 or not alike or not (low > TOGETHER or high < 1 / TOGETHER):
+        return ()
+    true = N / np.sqrt(np.sqrt(K * J))
+    line = (
+        f"{joint}: K is {K:.3g} times the declared one and J {J:.3g} times CAD's: both follow from a gear ratio of about {true:.3g} in "
+        f"place of {N:g}"
+    )
+    return (Fault("doubtful gear ratio", joint, "", line, FLAG),)

@@ -1,0 +1,1 @@
+"""What an identification found, for people and programs: figures, pages, result.json."""

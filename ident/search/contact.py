@@ -1,0 +1,74 @@
+"""Candidates of dry friction, told as their contact creeps before it slides: until then the true law may leave much; and of what is
+balanced by friction that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.effects.base import Effect
+from ident.effects.creeping import Creeping
+from ident.effects.motor import TorqueScale
+from ident.search.candidates import Candidate, best_of, of_kinds, smallest
+from ident.search.choice import Tried, is_curve, left_by
+from ident.search.curves import curve_of
+from ident.search.minima import CREPT, creeping_like, crept, told
+from ident.search.refits import Bench, Refit, State, all_fitted, reduced_chi2, same
+from ident.search.trace import Linearised
+
+
+def as_it_creeps(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
+    """The candidates, the best one as its contact creeps, if it is dry and leaves more than `near` times the noise power; plainer laws of
+    its port likewise."""
+    best = min(tried, key=left_by, default=None)
+    if best is None or reduced_chi2(bench, best.state) <= near or (state := crept(bench, best.state)) is best.state:
+        return tried
+    if state.select > CREPT * best.state.select:
+        return tried
+    law = state.effects[-1]
+    creeps = isinstance(law, Creeping)
+    bench.say(f"  {'as it creeps' if creeps else 'on'}, {told(law)}: {reduced_chi2(bench, state):.4g}")
+    alike = [
+        one for one in tried
+        if creeps and one.state.effects[-1].dry and not is_curve(one) and one.candidate.key[1:] == best.candidate.key[1:] and one.candidate.effect.numbers < law.numbers
+    ]  # fmt: skip
+    found = {id(best): state}
+    for one in alike:
+        likewise = min(all_fitted(bench, _likewise(one.state, state)), key=lambda other: other.select)
+        bench.say(f"  likewise, {told(likewise.effects[-1])}: {reduced_chi2(bench, likewise):.4g}")
+        found[id(one)] = likewise
+    return [one.refitted(found.get(id(one), one.state)) for one in tried]
+
+
+def balanced(lin: Linearised, effects: Sequence[Effect]) -> list[Candidate]:
+    """Motor torques at the joints of dry friction that are off by as much as is plausible, either way: friction of another level balances
+    most of that, so that as long as its motion is held none is missed."""
+    here = [best_of(lin, TorqueScale, e.joint) for e in effects if e.dry]
+    return [
+        replace(one, effect=one.effect.with_values([size]))
+        for one in here
+        if one is not None and all(not same(one.effect, e) for e in effects)
+        for size in TorqueScale.parameters[0].sizes
+    ]
+
+
+def besides(lin: Linearised, effects: Sequence[Effect]) -> tuple[list[Candidate], list[Candidate]]:
+    """Names, and curves, of the velocity at the ports of dry friction, whatever they promise: friction of another level does nearly what
+    they do, so that as long as its motion is held none is missed."""
+    rubs = {(e.port, e.joint): None for e in effects if e.dry}
+    kinds = of_kinds(lin, lambda kind, joint: kind.drags and (kind.port, joint) in rubs, effects)
+    curves = [curve_of(lin, port, joint, "velocity") for port, joint in rubs if joint is not None]
+    new = [c for c in curves if c is not None and all(not same(c.effect, e) for e in effects)]
+    return [smallest(lin, kind, joint) for kind, joint in kinds], new
+
+
+def _likewise(one: State, other: State) -> list[Refit]:
+    """The model `one` beside what is fitted in the `other`, its dry last effect creeping as there: of its own size, and of that there."""
+    law, last = one.effects[-1], other.effects[-1]
+    refit = creeping_like(one, last.values[-1])
+    besides = other.minimum.vector[: -len(last.values)]
+    there = dict(zip((p.name for p in last.parameters), last.values, strict=True))
+    sizes = [law.values, [there.get(p.name, value) for p, value in zip(law.parameters, law.values, strict=True)]]
+    return [replace(refit, vector=np.concatenate([besides, values, last.values[-1:]])) for values in sizes]

@@ -1,0 +1,377 @@
+"""A model that was chosen, at its minimum: from other places than where it was found, if these do better."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.arm.coupled import DOUBTS
+from ident.arm.parts import degrees, united
+from ident.arm.scene import known
+from ident.effects.base import Effect, PeriodicLaw, only_impedance
+from ident.effects.carried import FARTHEST, Carrying, carrying, of_declared_links, shown
+from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
+from ident.effects.learned import Learned, bent
+from ident.records.campaign import Array
+from ident.search.refits import (
+    BY_ALL,
+    CLOSE,
+    FAINTLY,
+    FINELY,
+    FULLY,
+    HASTILY,
+    NAMED,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    fitted,
+    reduced_chi2,
+    same,
+    some,
+)
+
+#: Fall of chi^2 on the records that chose it with which an effect, or another place, is no matter of noise.
+LEAST_GAIN = 40.0
+#: Times that motions are found for a candidate whose force follows from them.
+WOUND = 3
+#: Share of itself to which a fit makes chi^2 fall that goes on.
+FALLING = 0.8
+#: Sizes, of what it is, from where what forces is tried again.
+ELSEWHERE = (0.7, 0.85, 1.1, 1.2, 1.35)
+#: And stiffnesses from where an impedance that was chosen is fitted again.
+VALLEY = (0.5, 0.75, 1.35, 2.0)
+#: And from where beside the declared arm one of them is, if it still leaves something.
+STIFFER = (3.0, 10.0, 30.0)
+
+#: Lines at which an effect shows what it carries; share of what it leaves with declared links that it may leave with others.
+SHOWN_AT, MUCH_LESS = 8, 0.5
+#: Times that weights are made anew at the end where a curve is part of a model: its heights would go on for long, for nothing.
+BY_CURVE = 3
+#: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
+PATIENT, STILL = 8, 0.9
+#: Share of what a contact leaves that it may leave as it creeps from near where it is expected, for that to be sought farther off.
+CREPT = 0.9
+#: Times what a model leaves that it leaves, at most, where it comes back to where it was, from the declared arm.
+BACK = 1.05
+#: Times that it is told by how much links are off.
+TOLD_ANEW = 3
+#: Times as stiff, or as fast, from where it is fitted again once links may be off.
+HALF_OR_TWICE = (0.5, 2.0)
+#: Valleys whose bottoms are looked at.
+VALLEYS = 3
+#: Times the least of its stiffnesses that the others are tried at, and of a usual frequency that its own is.
+STIFFER_THAN, OF_USUAL = (1.0, 4.0), (0.6, 1.0)
+
+
+def fully(bench: Bench, state: State) -> State:
+    """The model at its minimum: of an impedance, whose shapes may do nearly the same in more than one place, at the lowest."""
+    last = state.effects[-1]
+    if bench.late:
+        return fitted(bench, Refit.of(state))
+    if isinstance(last, Learned):  # heights of a curve mean nothing by themselves
+        return _bending(bench, fitted(bench, replace(Refit.of(state), outer=FULLY)))
+    # what a curve leaves, which it does not draw, is no valley
+    by_curve = _drawn(state)
+    if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2 and not by_curve:
+        stiffnesses = _stiffnesses(last)
+        starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
+        state = lowest(bench, starts)
+        if reduced_chi2(bench, state) > BY_ALL:  # on declared links nothing is the lowest
+            state = _carrying(bench, state)
+        carries = isinstance(state.effects[-1], Carrying)
+        if reduced_chi2(bench, state) > NAMED and not carries:  # springs behind each other may have changed places
+            declared = replace(state, minimum=replace(state.minimum, vector=as_declared(bench, state)))
+            starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
+            state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
+    state = _closely(bench, Refit.of(state), reduced_chi2(bench, state))
+    if by_curve or bench.late or reduced_chi2(bench, state) <= NAMED:
+        return state
+    for more in (_doubted, _carrying, crept):
+        state = _closely_if_new(bench, state, more(bench, state))
+    return state
+
+
+def _closely_if_new(bench: Bench, state: State, new: State) -> State:
+    """The model, or what it became, at its minimum."""
+    return state if new is state else _closely(bench, Refit.of(new), reduced_chi2(bench, new))
+
+
+def _doubted(bench: Bench, state: State) -> State:
+    """The model, or one found while it was doubted, if that leaves much less: a constant whose resonance has to pass one of the lowest
+    lines, as that of gravity may, is held by this line alone otherwise."""
+    if reduced_chi2(bench, state) > BY_ALL:  # more is missing
+        return state
+    new = fitted(bench, replace(Refit.of(state), outer=1, roughly=HASTILY, doubts=DOUBTS[-1:]))
+    return new if new.select < FALLING * state.select else state
+
+
+def _bending(bench: Bench, state: State) -> State:
+    """The model, or one whose last effect, a learned curve, bends between its knots, if that leaves less."""
+    curve = bent(state.effects[-1])
+    if curve is None or reduced_chi2(bench, state) <= NAMED:
+        return state
+    new = fitted(bench, replace(Refit.of(state), effects=(*state.effects[:-1], curve), outer=FULLY))
+    return new if new.select < state.select - LEAST_GAIN else state
+
+
+def crept(bench: Bench, state: State) -> State:
+    """The model, or one whose dry last effect creeps more or less than contacts are expected to, if that leaves less; fitted on where
+    chi^2 still falls."""
+    last = state.effects[-1]
+    if not last.dry or isinstance(last, Creeping | Learned) or reduced_chi2(bench, state) <= NAMED:
+        return state
+    here, *near = _until_nothing(
+        bench, [replace(Refit.of(state), outer=1, roughly=HASTILY), creeping_like(state, FROM[0])]
+    )
+    best, dof, found = min([here, *near], key=lambda other: other.select), degrees(bench.split.select), near
+    helps = best.select - dof < CREPT * (here.select - dof)
+    if (
+        near and reduced_chi2(bench, best) > NAMED and (helps or reduced_chi2(bench, here) <= CLOSE)
+    ):  # else more is missing
+        found = [*near, *_until_nothing(bench, [creeping_like(state, decades) for decades in FROM[1:]])]
+    best = min(found, key=lambda other: other.select, default=here)
+    if best.select < here.select - LEAST_GAIN:
+        return best
+    return here if here.select < FALLING * state.select else state
+
+
+def creeping_like(state: State, decades: float) -> Refit:
+    """The model, to be refitted hastily, whose dry last effect creeps faster by so many decades at first."""
+    effects = (*state.effects[:-1], creeping(state.effects[-1], decades))
+    scales, limits = (*state.scales, 1.0), (*state.limits, (SLOWEST, FASTEST))
+    return Refit(np.append(state.minimum.vector, decades), effects, scales, limits, 1, HASTILY)
+
+
+def _carrying(bench: Bench, state: State) -> State:
+    """The model, or one whose last effect carries links that are not the declared ones, if that leaves much less: by how much they
+    are off, told anew while that shows in other ways where the effect is then."""
+    for _ in range(TOLD_ANEW):
+        new = _carrying_as_shown(bench, state)
+        if new is state or bench.late or reduced_chi2(bench, new) <= NAMED:
+            return new
+        state = new
+    return state
+
+
+def _carrying_as_shown(bench: Bench, state: State) -> State:
+    """As `_carrying`, in the ways that the last effect shows where it is, at its softest."""
+    last = of_declared_links(state.effects[-1])
+    if not last.carries or not np.isfinite(state.select):
+        return state
+    p = state.problem.parameters(state.minimum.vector)
+    scenes = [state.problem.scene(one, state.effects) for one in state.problem.data]
+    arms = [known(scene, p) for scene in scenes]
+    s = scenes[0].s[np.linspace(0, len(scenes[0].s) - 1, SHOWN_AT).astype(int)]
+    effect = carrying(last, shown(_soft(last), s, arms, bool(bench.model.factoring.believed)))
+    more, kept = len(effect.values) - len(last.values), sum(len(e.values) for e in (*state.effects[:-1], last))
+    scales, limits = state.scales[:kept] + (1.0,) * more, state.limits[:kept] + ((-FARTHEST, FARTHEST),) * more
+    refit = Refit(np.zeros(0), (*state.effects[:-1], effect), scales, limits)
+    found = state.minimum.vector[: state.problem.base + kept]
+    vectors = [as_declared(bench, state)[: len(found)], found]
+    starts = [replace(refit, vector=np.concatenate([vector, np.zeros(more)])) for vector in vectors]
+    new = lowest(bench, starts)
+    if NAMED < reduced_chi2(bench, new) < FALLING * reduced_chi2(bench, state):
+        base = state.problem.base
+        anew = [
+            replace(refit, vector=np.concatenate([as_declared(bench, state)[:base], values]))
+            for values in _plausible(new)
+        ]
+        others = [replace(one, outer=1, roughly=HASTILY) for one in [Refit.of(new), *anew]]
+        for other in sorted(_until_nothing(bench, others), key=lambda other: other.select)[:VALLEYS]:
+            new = min(new, fitted(bench, Refit.of(other)), key=lambda one: one.select)
+            if reduced_chi2(bench, new) <= NAMED:
+                break
+    dof = degrees(bench.split.select)
+    if new.select - dof > MUCH_LESS * (state.select - dof):
+        return state
+    return new
+
+
+def _plausible(state: State) -> list[Array]:
+    """The values of all effects, those of the last, which carries links, anew: stiffnesses half and twice, or of several the stiffer
+    ones as the least and a few times that, frequencies as is usual; links as declared. None of what has no stiffness."""
+    last = state.effects[-1]
+    before = [value for effect in state.effects[:-1] for value in effect.values]
+    values = np.where([p.aside for p in last.parameters], 0.0, last.values)
+    own = [k for k, p in enumerate(last.parameters) if p.unit == "Hz"]
+    usual = np.array([last.parameters[k].sizes[0] for k in own])
+    stiff = np.array(_stiffnesses(last), dtype=int)
+    if not len(stiff):
+        return []
+    least = values[stiff].min()
+    if len(stiff) > 1:
+        resized, factors = stiff[values[stiff] > least], STIFFER_THAN
+    else:
+        resized, factors = stiff, HALF_OR_TWICE
+    found = []
+    for factor in factors:
+        for share in OF_USUAL if own else (1.0,):
+            anew = values.copy()
+            anew[resized] = factor * least
+            anew[own] = share * usual
+            found.append(np.concatenate([before, anew]))
+    return found
+
+
+def _soft(effect: Effect) -> Effect:
+    """The effect with all its stiffnesses as its least: one that was found too stiff would not show what it carries."""
+    stiffnesses = _stiffnesses(effect)
+    values = np.array(effect.values)
+    values[stiffnesses] = values[stiffnesses].min(initial=np.inf)
+    return effect.with_values(values.tolist())
+
+
+def _stiffnesses(effect: Effect) -> list[int]:
+    """Which values of an effect are stiffnesses of what gives."""
+    return [k for k, p in enumerate(effect.parameters) if p.relative == "K" and p.zero is None]
+
+
+def _closely(bench: Bench, refit: Refit, left: float) -> State:
+    """The model at its minimum; not so closely where it leaves far more than noise, before, `left`, and once that no longer falls."""
+    while left > BY_ALL:
+        state = fitted(bench, refit)
+        before, left = left, reduced_chi2(bench, state)
+        if left >= max(BY_ALL, FALLING * before):
+            return state
+        refit = Refit.of(state)
+    return fitted(bench, replace(refit, outer=FULLY, roughly=FAINTLY))
+
+
+def settled(bench: Bench, state: State) -> State:
+    """The model, once it is chosen, by the records that chose it, too: these tell its values as well as those that fitted it."""
+    if bench.late or reduced_chi2(bench, state) > BY_ALL:
+        return state
+    both = replace(bench, split=replace(bench.split, fit=united(*bench.split.fit, *bench.split.select)))
+    outer = BY_CURVE if _drawn(state) else FULLY
+    new = fitted(both, replace(Refit.of(state), outer=outer, roughly=FAINTLY))
+    return replace(new, select=state.select) if new.select < state.select + LEAST_GAIN else state
+
+
+def _drawn(state: State) -> bool:
+    """Whether a learned curve is part of a model."""
+    return any(isinstance(effect, Learned) for effect in state.effects)
+
+
+def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
+    """The model that fits best of those from these starts, hastily compared, or the first that leaves nothing."""
+    found = _until_nothing(bench, [replace(one, outer=1, roughly=HASTILY) for one in starts])
+    return fitted(bench, Refit.of(min(found, key=lambda other: other.minimum.chi2)))
+
+
+def _until_nothing(bench: Bench, refits: Sequence[Refit]) -> list[State]:
+    """The models of `refits`, up to the first that leaves nothing."""
+    found = []
+    for state in all_fitted(bench, refits):
+        found.append(state)
+        if reduced_chi2(bench, state) <= NAMED:
+            break
+    return found
+
+
+def afresh(bench: Bench, state: State) -> State:
+    """The model, or a better one fitted from the declared arm, at once or by a detour: what was missing has led this one far astray."""
+    here, declared = Refit.of(state), replace(Refit.of(state), vector=as_declared(bench, state))
+    hastily = fitted(bench, replace(here, roughly=HASTILY))
+    finely = state if state.roughly >= FINELY else None  # what is told by fewer samples may leave more
+    for doubts in ((), DOUBTS):
+        other = fitted(bench, replace(declared, roughly=HASTILY, doubts=doubts))
+        if _as_much(hastily, other):
+            break
+        other = fitted(bench, Refit.of(other))
+        finely = finely or fitted(bench, here)
+        back = _as_much(finely, other)
+        if not back:
+            other = _closely(bench, Refit.of(other), min(reduced_chi2(bench, other), reduced_chi2(bench, state)))
+        if other.select < state.select:
+            bench.say(f"  from the declared arm again: {reduced_chi2(bench, other):.4g}")
+            state = other
+        if back or reduced_chi2(bench, state) <= NAMED or bench.late:
+            break
+    return links_anew(bench, state)
+
+
+def links_anew(bench: Bench, state: State) -> State:
+    """The model, or a better one with what its effects carry told anew: others were missing beside them."""
+    for k, effect in enumerate(state.effects):
+        order = [*(other for other in range(len(state.effects)) if other != k), k]
+        if reduced_chi2(bench, state) <= NAMED or bench.late:
+            break
+        if isinstance(effect, Carrying) or (order[k] != k and effect.carries):
+            last = fitted(bench, some(state, order))
+            new = _carrying(bench, last)
+            if new is not last:
+                new = _closely(bench, some(new, np.argsort(order).tolist()), reduced_chi2(bench, new))
+                if new.select < state.select:
+                    bench.say(f"  links anew, {told(new.effects[k])}: {reduced_chi2(bench, new):.4g}")
+                    state = new
+    return state
+
+
+def _as_much(state: State, other: State) -> bool:
+    """Whether two models, fitted alike, leave nearly the same."""
+    return state.select / BACK < other.select < BACK * state.select
+
+
+def winds_up(effect: Effect) -> bool:
+    """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
+    return isinstance(effect, PeriodicLaw) and not effect.linear and not effect.dry
+
+
+def wound_up(bench: Bench, state: State) -> State:
+    """The model, fitted on while chi^2 falls where a force follows from the motion: each of both leads to the other by little."""
+    if not winds_up(state.effects[-1]):
+        return state
+    for _ in range(PATIENT):
+        if bench.late or reduced_chi2(bench, state) <= NAMED:
+            break
+        new = fitted(bench, replace(Refit.of(state), outer=FULLY // 2))
+        bench.say(f"  on, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
+        fell = new.minimum.chi2 < STILL * state.minimum.chi2
+        state = new if fell else state
+        if not fell:
+            break
+    return state
+
+
+def as_declared(bench: Bench, state: State) -> Array:
+    """The declared arm with the effects of a model."""
+    return np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
+
+
+def _resized(state: State, effect: Effect, which: Sequence[int], factors: Sequence[float]) -> list[Refit]:
+    """The model from where these values of one of its effects are so many times as large."""
+    place = next(k for k, e in enumerate(state.effects) if same(e, effect))
+    first = state.problem.base + sum(len(e.values) for e in state.effects[:place])
+    refits = []
+    for factor in factors:
+        vector = state.minimum.vector.copy()
+        vector[[first + k for k in which]] *= factor
+        refits.append(replace(Refit.of(state), vector=np.clip(vector, state.problem.low, state.problem.high)))
+    return refits
+
+
+def elsewhere(bench: Bench, state: State, effect: Effect) -> State:
+    """The model, or a better one that lies where a force of `effect` is some other size: what moves so that a force
+    follows has more than one way to."""
+    sizes = [k for k, p in enumerate(effect.parameters) if p.zero is not None and not p.whole and effect.values[k]]
+    if not winds_up(effect) or effect.name == "unknown" or not sizes:
+        return state
+    refits = [Refit.of(state), *_resized(state, effect, sizes, ELSEWHERE)]
+    here, *others = all_fitted(bench, [replace(one, outer=1, roughly=HASTILY) for one in refits])
+    best = min(others, key=lambda other: other.select)
+    if best.select > here.select - max(LEAST_GAIN, 0.1 * (here.select - degrees(bench.split.select))):
+        return state
+    best = fully(bench, best)
+    bench.say(f"  elsewhere, {told(next(e for e in best.effects if same(e, effect)))}: {reduced_chi2(bench, best):.4g}")
+    return best if best.select < state.select else state
+
+
+def told(effect: Effect) -> str:
+    place = "" if effect.joint is None else f" at joint {effect.joint + 1}"
+    if isinstance(effect, Learned):
+        again = "" if effect.period is None else f", again every {effect.period:.4g} rad"
+        return f"{effect.name}{place}: {effect.variable} at the {effect.port}{again}"
+    return f"{effect.name}{place} {[float(f'{v:.4g}') for v in effect.values][:4]}"

@@ -1,0 +1,72 @@
+"""What one name more does: where it leaves nothing but noise, that is what is missing, and little else need be tried."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from ident.effects.base import Effect, only_gains, only_shares
+from ident.search.candidates import catalogue
+from ident.search.choice import CURVE_SHARE, Tried, is_curve, left_by, plainest
+from ident.search.finer import finer
+from ident.search.refits import CLOSE, FINELY, NAMED, Bench, State, beyond_noise, linearised, reduced_chi2
+from ident.search.tried import refitted
+
+#: Names tried, and share of what is left that each must promise, and that the best may leave beyond noise in haste: dry friction's motion
+#: is not found then.
+TRIED, PROMISED, MUCH = 3, 0.1, 0.5
+#: Times what the best leaves that another may leave to be fitted finely, too.
+NEAR = 2.0
+#: Share of what there was that a name may leave beside which another one does; of what that leaves beyond noise, that both may leave.
+LEAVES, HARDLY = 0.7, 0.1
+
+
+def one_more(bench: Bench, state: State) -> list[Tried]:
+    """The names tried beyond a model, one of which leaves hardly anything where there is much: the model is not far astray then, but that
+    is missing. None if none does."""
+    if bench.late or reduced_chi2(bench, state) <= CLOSE:
+        return []
+    most = min(NAMED + CURVE_SHARE * (reduced_chi2(bench, state) - NAMED), CLOSE)
+    return _one_more(bench, state, most, lambda effect: True)
+
+
+def leading_to_one_more(bench: Bench, state: State, tried: Sequence[Tried]) -> tuple[State, list[Tried]] | None:
+    """The model with the best of the names `tried` beyond `state`, if it explains some and one more leaves nothing but noise; and the
+    names tried beyond that. Not two that may take the place of one law that has no name."""
+    named = [one for one in tried if not is_curve(one)]
+    if not named or bench.late or reduced_chi2(bench, state) <= CLOSE:
+        return None
+    candidate, best = plainest(bench, named)
+    if not NAMED < reduced_chi2(bench, best) < LEAVES * reduced_chi2(bench, state):
+        return None
+    lead = finer(bench, best) if best.roughly > FINELY else best
+    most = min(1.0 + HARDLY * (reduced_chi2(bench, lead) - 1.0), NAMED)
+    more = _one_more(bench, lead, most, lambda effect: _of_two_causes(candidate.effect, effect))
+    return (lead, more) if more else None
+
+
+def _of_two_causes(one: Effect, other: Effect) -> bool:
+    """Whether no law that has no name is both effects: such a law acts at one joint and one port from the first record to the last. What
+    delays a torque and what delays an angle do nearly the same, and what is of the whole arm may be of one joint."""
+    if None not in (one.joint, other.joint) and one.joint != other.joint:
+        return True
+    if only_shares(one) != only_shares(other):
+        return True
+    ports = {one.port, other.port}
+    apart = len(ports) == 2 and ("sensor" in ports or (one.joint is None) != (other.joint is None))
+    return apart and not (only_gains(one) and only_gains(other))
+
+
+def _one_more(bench: Bench, state: State, most: float, wanted: Callable[[Effect], bool]) -> list[Tried]:
+    """The likeliest names that are `wanted` beyond a model, hastily refitted, the best finely unless one leaves nothing at once, if
+    one leaves at most so many noise powers; else none."""
+    lin = linearised(state.problem, state.minimum.vector)
+    names, left = catalogue(lin, state.effects, bench.workers), beyond_noise(state, lin)
+    likely = [c for c in names[:TRIED] if c.gain > PROMISED * left and wanted(c.effect)]
+    tried = refitted(bench, state, [(c, lin) for c in likely])
+    best = min(tried, key=left_by, default=None)
+    if best is None or reduced_chi2(bench, best.state) - 1.0 > MUCH * (reduced_chi2(bench, state) - 1.0):
+        return []
+    if reduced_chi2(bench, best.state) > min(most, NAMED):
+        near = [one for one in tried if left_by(one) <= NEAR * left_by(best)]
+        tried = [one.refitted(finer(bench, one.state)) if one in near else one for one in tried]
+    return tried if min(reduced_chi2(bench, new) for _, new in tried) <= most else []

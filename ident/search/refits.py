@@ -1,0 +1,300 @@
+"""Models of an arm with effects, refitted: hastily to compare them, finely to choose one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.arm.arm_fit import Problem, Slides, chi_squared, hold, unexpected
+from ident.arm.arm_model import Parameters
+from ident.arm.coupled import DOUBTS, problem_of
+from ident.arm.descent import Minimum, minimise
+from ident.arm.evidence import Evidence
+from ident.arm.parts import Split, degrees, few_lines, sampled
+from ident.arm.sliding import TURNS
+from ident.effects.base import Effect, PortLaw
+from ident.effects.carried import of_declared_links
+from ident.effects.learned import LINEAR, Learned
+from ident.records.campaign import Array, Campaign
+from ident.search.trace import Linearised, linearise
+from symgen.forked import forked
+from symgen.plan import Model
+
+#: Fall of chi^2 that ends a descent: of a candidate, of a finalist, of what is chosen; times that the weights of this are made
+#: anew.
+HASTILY, FINELY, FAINTLY, FULLY = 0.03, 0.002, 1e-4, 8
+#: Turns to the force of dry friction, lines of a record, and records about, for a candidate; samples a line until one is chosen.
+FEW_TURNS, FEW_LINES, FEW_RECORDS, FEW_SAMPLES = 15, 250, 20, 6
+#: Lines of a record by which the arm without effects is looked for; by all, and a model at its minimum, where chi^2 per degree of
+#: freedom is less than this.
+FIRST_LINES, BY_ALL = 100, 10.0
+#: chi^2 per degree of freedom above which something is left that is no noise.
+NAMED = 1.1
+#: How many times the noise the error of a model is that is near.
+CLOSE = 3.0
+#: Times chi^2 per degree of freedom from which a last descent began that the choosing records then leave where it went astray.
+ASTRAY = 3.0
+#: Which of the four numbers of a drive (`Parameters`: K, J_m, D, D_spring) is a slope of a curve, by port and variable.
+SLOPES = {
+    ("spring", "position"): 0, ("motor", "velocity"): 2, ("motor", "sliding"): 2, ("motor", "damping"): 2, ("motor", "laden"): 2,
+    ("motor", "driving"): 2, ("spring", "velocity"): 3, ("spring", "damping"): 3, ("spring", "stiffness"): 0,
+}  # fmt: skip
+#: chi^2 of a height of a learned curve of the size of all, so that one that no record shows stays at nothing.
+UNSEEN_HEIGHT = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """The tools of one diagnosis: how to make a problem of records and effects, and the weights of the choosing records.
+
+    The arm that is fitted begins at `guess`; chi^2 grows by `firm` where a number of it is off by all of its size. Nothing new is looked
+    for once `time.monotonic()` is `until`. `at_first` is chi^2 on the choosing records without effects; lines on the way go to `say`.
+    """
+
+    campaign: Campaign
+    model: Model
+    basis: Array
+    split: Split
+    guess: Parameters
+    workers: int
+    firm: float = 0.0
+    until: float = np.inf
+    say: Callable[[str], None] = lambda line: None
+    at_first: float = np.inf
+
+    @property
+    def late(self) -> bool:
+        """Whether it is time to tell what was found."""
+        return time.monotonic() > self.until
+
+    def problem(
+        self, data: tuple[Evidence, ...], effects: Sequence[Effect], scales: Sequence[float], limits: Sequence[tuple[float, float]],
+        turns: int = TURNS,
+    ) -> Problem:  # fmt: skip
+        problem = problem_of(self.campaign, self.model, self.basis, data, self.guess, effects, scales, limits)
+        held = [p.whole or p.declared or _drawn_again(e, effects) for e in effects for p in e.parameters]
+        free = problem.free.copy()
+        free[problem.base :] = ~np.array(held, dtype=bool)
+        free[_drawn_besides(effects, problem.n)] = False
+        weights = [1.0 if p.aside else UNSEEN_HEIGHT * isinstance(e, Learned) for e in effects for p in e.parameters]
+        weight = np.concatenate([np.full(problem.base, self.firm), weights])
+        centre = np.concatenate([self.guess.vector(), np.zeros(len(weights))])
+        expected = (centre, weight) if weight.any() else None
+        return replace(problem, free=free, turns=turns, workers=self.workers, expected=expected, until=self.until)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A fitted model: its effects, its minimum on the fit records, chi^2 on the choosing ones, how `roughly` it was fitted (fall of
+    chi^2 that ended it); both chi^2, and the information, as all lines would have it."""
+
+    effects: tuple[Effect, ...]
+    scales: tuple[float, ...]
+    limits: tuple[tuple[float, float], ...]
+    minimum: Minimum
+    problem: Problem
+    select: float
+    roughly: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it), first with `doubts`; dry friction
+    from where it was found last, `slid`; by so many `lines` of a record, None: all, or few if hastily."""
+
+    vector: Array
+    effects: tuple[Effect, ...]
+    scales: tuple[float, ...]
+    limits: tuple[tuple[float, float], ...]
+    outer: int = 2
+    roughly: float = FINELY
+    doubts: tuple[float, ...] = ()
+    slid: Slides = field(default_factory=dict)
+    lines: int | None = None
+
+    @staticmethod
+    def of(state: State) -> Refit:
+        """The same model, fitted finely."""
+        return Refit(state.minimum.vector, state.effects, state.scales, state.limits, slid=state.minimum.slid)
+
+
+def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
+    """Whether a learned curve has the slope of a linear law of its port in it, too: together they could be anything."""
+    if not (isinstance(effect, PortLaw) and effect.linear):
+        return False
+    curves = [e for e in effects if isinstance(e, Learned) and e.variable in LINEAR]
+    return any((curve.port, curve.joint) == (effect.port, effect.joint) for curve in curves)
+
+
+def _drawn_besides(effects: Sequence[Effect], n: int) -> list[int]:
+    """The stiffnesses and dampings of the arm, by their places, which the slopes of learned curves are, too."""
+    curves = [e for e in effects if isinstance(e, Learned) and (e.port, e.variable) in SLOPES]
+    return [SLOPES[e.port, e.variable] * n + e.joint for e in curves if e.joint is not None]
+
+
+def _as_declared(bench: Bench, refit: Refit) -> Array:
+    """Where the fit begins: with dampings that curves draw, too, as declared. What was found without the curve is not the damping."""
+    n, vector = len(bench.guess.K), refit.vector.copy()
+    dampings = [k for k in _drawn_besides(refit.effects, n) if k >= 2 * n]
+    vector[dampings] = bench.guess.vector()[dampings]
+    return vector
+
+
+def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
+    """The models of `refits`, made by all workers."""
+
+    def work(refit: Refit) -> tuple[Minimum, float]:
+        state = fitted(bench, refit)
+        return state.minimum, state.select
+
+    for refit, (minimum, select) in zip(refits, forked(work, refits, bench.workers), strict=True):
+        problem = bench.problem(bench.split.fit, refit.effects, refit.scales, refit.limits)
+        problem = replace(problem, slid=minimum.slid)
+        effects = problem.effects_at(minimum.vector)
+        yield State(effects, refit.scales, refit.limits, minimum, problem, select, refit.roughly)
+
+
+def begun(bench: Bench) -> tuple[Bench, State]:
+    """The bench, with what the arm without effects leaves, and that arm."""
+    start = without_effects(bench)
+    return replace(bench, at_first=start.select), start
+
+
+def without_effects(bench: Bench) -> State:
+    """The arm without effects: from what is declared, and by a detour where something is left."""
+    best = fitted(bench, Refit(bench.guess.vector(), (), (), (), lines=FIRST_LINES))
+    if reduced_chi2(bench, best) > NAMED:
+        found = fitted(bench, Refit(bench.guess.vector(), (), (), (), 1, HASTILY, DOUBTS, lines=FIRST_LINES))
+        if found.minimum.chi2 < best.minimum.chi2:
+            best = min(best, fitted(bench, replace(Refit.of(found), lines=FIRST_LINES)), key=lambda s: s.minimum.chi2)
+    return best if reduced_chi2(bench, best) > BY_ALL else fitted(bench, Refit.of(best))
+
+
+def fitted(bench: Bench, refit: Refit) -> State:
+    """The model of `refit` at its minimum; chi^2 infinite where its response is no number. Its problem has the lines and samples that were
+    fitted: of a hasty fit few."""
+    hasty = refit.roughly == HASTILY
+    more = (refit.effects, refit.scales, refit.limits, FEW_TURNS if hasty else TURNS)
+    fit, select = bench.split.fit, bench.split.select
+    if refit.roughly > FAINTLY:
+        fit, select = (tuple(sampled(one, FEW_SAMPLES) for one in part) for part in (fit, select))
+    if hasty:
+        fit, select = _few(fit), _few(select)
+    lines = refit.lines or (FEW_LINES if hasty else None)
+    if lines is not None:
+        fit, select = (tuple(few_lines(one, lines) for one in part) for part in (fit, select))
+    problem = replace(bench.problem(fit, *more), slid=refit.slid)
+    whole = degrees(bench.split.fit) / degrees(fit), degrees(bench.split.select) / degrees(select)
+    try:
+        with np.errstate(all="ignore"):
+            minimum = minimise(problem, _as_declared(bench, refit), refit.doubts, refit.outer, refit.roughly)
+            problem = replace(problem, slid=minimum.slid)
+            chosen = replace(problem, data=select)
+            chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
+            if minimum.weighed is not None and chi2 / degrees(select) > ASTRAY * minimum.weighed[1] / degrees(fit):
+                vector, before = minimum.weighed  # the motions held were no longer those of where it went
+                less = chi_squared(chosen, vector, hold(chosen, vector))
+                if less < chi2:
+                    minimum, chi2 = replace(minimum, vector=vector, chi2=before), less
+            minimum = _by_all_lines(problem, minimum, whole[0])
+    except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
+        nothing = np.zeros((len(refit.vector), len(refit.vector)))
+        minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
+    effects, left = problem.effects_at(minimum.vector), chi2 * whole[1]
+    problem = replace(problem, turns=TURNS)  # what it is asked later it tells as closely as any
+    return State(effects, refit.scales, refit.limits, minimum, problem, left, refit.roughly)
+
+
+def _few(part: tuple[Evidence, ...]) -> tuple[Evidence, ...]:
+    """About `FEW_RECORDS` of some records, of every joint's the same share: in a campaign joints may take turns."""
+    by_joint = sorted(part, key=lambda one: one.excited)
+    return tuple(sorted(by_joint[:: max(1, round(len(part) / FEW_RECORDS))], key=lambda one: one.index))
+
+
+def _by_all_lines(problem: Problem, minimum: Minimum, times: float) -> Minimum:
+    """A minimum by some lines as all, so many `times` as many, would have it; they tell no more of what is known beforehand."""
+    beforehand = unexpected(problem, minimum.vector)[2]
+    information = times * minimum.information - (times - 1.0) * beforehand
+    return replace(minimum, chi2=times * minimum.chi2, information=information)
+
+
+def linearised(problem: Problem, vector: Array) -> Linearised:
+    """The fit about `vector`, forces told by as many samples as a candidate's."""
+    problem = replace(problem, data=tuple(sampled(one, FEW_SAMPLES) for one in problem.data))
+    return linearise(problem, vector, hold(problem, vector))
+
+
+def without(bench: Bench, state: State, old: Effect, roughly: float = FINELY) -> State:
+    """The model refitted without one of its effects."""
+    keep = [k for k, e in enumerate(state.effects) if not same(e, old)]
+    return fitted(bench, replace(some(state, keep), roughly=roughly))
+
+
+def some(state: State, keep: Sequence[int]) -> Refit:
+    """The model to be refitted with those of its effects at these places, dry friction from anywhere."""
+    slots, base = _slots(state), state.problem.base
+    use = np.concatenate([slots[k] for k in keep]) if keep else np.zeros(0, dtype=int)
+    vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][use]])
+    effects, scales, limits = (
+        tuple(state.effects[k] for k in keep), tuple(state.scales[k] for k in use), tuple(state.limits[k] for k in use)
+    )  # fmt: skip
+    return Refit(vector, effects, scales, limits)
+
+
+def on_declared_links(state: State) -> Refit | None:
+    """The model, to be refitted with effects that carry the declared links. None where they do."""
+    effects = tuple(map(of_declared_links, state.effects))
+    if effects == state.effects:
+        return None
+    base = state.problem.base
+    use = np.concatenate([slots[: len(e.values)] for slots, e in zip(_slots(state), effects, strict=True)])
+    vector = np.concatenate([state.minimum.vector[:base], state.minimum.vector[base:][use]])
+    return Refit(vector, effects, tuple(state.scales[i] for i in use), tuple(state.limits[i] for i in use))
+
+
+def standing(bench: Bench, state: State, keep: Sequence[int]) -> tuple[State, Linearised]:
+    """The model with those of its effects at these places, the arm left as it is, and what is linearised there. Its chi^2 on the choosing
+    records is what the others have, of as many lines; its minimum is that of all effects."""
+    less = some(state, keep)
+    problem = bench.problem(state.problem.data, less.effects, less.scales, less.limits)
+    lin = linearised(problem, less.vector)
+    left = lin.chi2 * degrees(bench.split.select) / degrees(problem.data)
+    return replace(state, effects=less.effects, scales=less.scales, limits=less.limits, select=left), lin
+
+
+def but_last(state: State) -> range:
+    """The places of all effects but the last."""
+    return range(len(state.effects) - 1)
+
+
+def instead(state: State, old: Effect, other: State) -> Refit:
+    """The model to be refitted with the last effect of `other` in the place of one of its own."""
+    parts = [(other, -1) if same(e, old) else (state, k) for k, e in enumerate(state.effects)]
+    values = [of.minimum.vector[of.problem.base :][_slots(of)[k]] for of, k in parts]
+    effects = tuple(of.effects[k] for of, k in parts)
+    scales = tuple(of.scales[i] for of, k in parts for i in _slots(of)[k])
+    limits = tuple(of.limits[i] for of, k in parts for i in _slots(of)[k])
+    return Refit(np.concatenate([state.minimum.vector[: state.problem.base], *values]), effects, scales, limits)
+
+
+def _slots(state: State) -> list[NDArray[np.int64]]:
+    """Where the values of each effect lie among those of all."""
+    return np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects])[:-1])
+
+
+def same(a: Effect, b: Effect) -> bool:
+    return a.joint == b.joint and (type(a) is type(b) or a.name == b.name != "unknown")
+
+
+def reduced_chi2(bench: Bench, state: State) -> float:
+    """chi^2 per degree of freedom on the choosing records."""
+    return state.select / max(degrees(bench.split.select), 1)
+
+
+def beyond_noise(state: State, lin: Linearised) -> float:
+    """chi^2 beyond noise on the records that fit."""
+    return max(lin.chi2 - degrees(state.problem.data), 1.0)

@@ -1,0 +1,365 @@
+"""Candidates tried: refitted with everything, the best finely; what one that is far ahead becomes at its minimum."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.arm.parts import degrees
+from ident.effects.base import Effect, only_impedance, overrides
+from ident.effects.structure import LockedJointElasticity
+from ident.search.candidates import Candidate, best_of, catalogue, larger, nearer, of_kinds
+from ident.search.choice import (
+    AHEAD,
+    LEAST_SHARE,
+    REST,
+    Tried,
+    best_names,
+    drawn_whole,
+    hardly_bent,
+    is_curve,
+    law_leads,
+    left_by,
+    rings_ahead,
+)
+from ident.search.contact import as_it_creeps, balanced, besides
+from ident.search.curves import curves, resonances, responses
+from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
+from ident.search.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
+from ident.search.refits import (
+    CLOSE,
+    FINELY,
+    FULLY,
+    NAMED,
+    Bench,
+    State,
+    all_fitted,
+    beyond_noise,
+    linearised,
+    reduced_chi2,
+    same,
+)
+from ident.search.shapes import bending, only_shapes, ringing
+from ident.search.trace import Linearised
+from ident.search.tried import by_few_lines, refitted, with_candidate
+from ident.search.whole_numbers import last_otherwise, otherwise_if_left
+from symgen.forked import forked
+
+#: Candidates of the catalogue refitted in each round (least and most), and learned curves.
+REFITTED, CURVES = (6, 40), 2
+#: Half of them hardly whatever they promise, as a promise is of first order: this share of what the best does; as many as make this many
+#: numbers to be fitted.
+SLIGHT, EFFORT = 0.1, 1.5e5
+#: Share of what earns a place that a candidate must promise to be tried once little is left: promises are nearly right there.
+HARDLY = 0.125
+#: Candidates taken over from the declared arm; share of what the best promises from which a force that follows from the motion is
+#: tried where it is so many times as large, too; and share of what is left without a force that promises to do as much.
+SURELY, LIKELY, LARGER = 6, 0.5, 1.4
+#: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm, and first.
+BENT, FAR = 100.0, 1000.0
+#: Share of what there was that a name from the declared arm may leave for only curves to be tried from where the arm was fitted, and
+#: nothing that bends the whole arm.
+MUCH = 0.3
+#: What another leaves so far behind is not fitted finely, nor looked for where it is some other size.
+UNLIKELY = 0.1
+#: Candidates fitted finely before one is chosen.
+FINALISTS = 3
+#: Share of what was in excess without effects below which nothing more is looked for once little is left.
+ENOUGH = 3e-3
+#: Share of a small rest that an effect must promise to be tried, and one that acts where dry friction does; of what friction leaves, that
+#: a law beside it may leave to be it.
+MOST, BESIDE, HALF = 0.3, 0.05, 0.5
+
+
+def explains(bench: Bench, state: State, near: float = CLOSE) -> bool:
+    """Whether a model leaves nothing to look for: less than `near` noise powers, and little of what there is
+    without effects."""
+    dof = degrees(bench.split.select)
+    little = reduced_chi2(bench, state) <= near and state.select - dof < ENOUGH * (bench.at_first - dof)
+    return little or reduced_chi2(bench, state) <= NAMED
+
+
+def earned(bench: Bench, before: State, after: State) -> bool:
+    """Whether an effect more earns its place: a share of what was left, and either of what there is without effects, or nearly all
+    that was left."""
+    dof = degrees(bench.split.select)
+    left, gain = max(before.select - dof, 1.0), before.select - after.select
+    some = gain >= max(LEAST_GAIN, LEAST_SHARE * left)
+    return some and (gain >= ENOUGH * (bench.at_first - dof) or after.select - dof < REST * left)
+
+
+def promising(bench: Bench, likely: Sequence[Candidate], fall: float) -> list[Candidate]:
+    """Those of `likely` that may make chi^2 on the choosing records fall so far, once little is left."""
+    least = HARDLY * fall * degrees(bench.split.fit) / degrees(bench.split.select)
+    return [c for c in likely if c.gain > least]
+
+
+def likely_names(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
+    """The likeliest names beyond `state`, linearised in `lin`, hastily refitted; from the declared arm where the fit is very far off."""
+    if reduced_chi2(bench, state) > FAR:
+        return leader_finely(bench, _from_declared(bench, state, None))
+    return _from_fitted(bench, state, lin)
+
+
+def hasty(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> Iterator[list[Tried]]:
+    """The candidates beyond `state`, linearised in `lin`, hastily refitted, in parts of which the first may do: the likely `names`, and
+    others.
+
+    The first effect is looked for from the declared arm, too: a fit that is far off bends everything else, shapes of an
+    impedance at any rate. Where it is far so are later effects, unless a name explains the records already; where it is very far that
+    comes first.
+    """
+    if reduced_chi2(bench, state) > FAR:
+        yield names
+        named = best_names(names)
+        if _explaining(bench, names) is None:
+            much = bool(named) and left_by(named[0]) < MUCH * state.select
+            if much or (not state.effects and law_leads(bench, names)):
+                yield _drawn(bench, state, lin)
+            else:
+                tried = _from_fitted(bench, state, lin)
+                yield _and_curves(bench, state, lin, tried)
+    elif state.effects or reduced_chi2(bench, state) > BENT:
+        tried = _and_curves(bench, state, lin, names)
+        yield tried
+        if reduced_chi2(bench, state) > BENT and _explaining(bench, tried) is None:
+            yield leader_finely(bench, _from_declared(bench, state, None))
+    else:
+        tried = _and_curves(bench, state, lin, names)
+        if not (drawn_whole(bench, tried) or hardly_bent(bench, state, tried)):
+            if _explaining(bench, tried) is None:
+                tried += _bending(bench, state, lin)
+            found = _explaining(bench, tried)
+            if found is None or only_impedance(found):
+                tried += _from_declared(bench, state, found)
+        yield tried
+
+
+def resting(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
+    """The names that promise most of what is left, where that is little or one is known that leaves nothing, hastily refitted: less of it
+    where dry friction acts."""
+    names, left = catalogue(lin, state.effects, bench.workers), beyond_noise(state, lin)
+    rubs = {
+        (effect.port, effect.joint) for effect in state.effects if effect.dry and reduced_chi2(bench, state) > NAMED
+    }
+    here = [c for c in names if (c.effect.port, c.effect.joint) in rubs and c.gain > BESIDE * left]
+    likely = [c for c in names[:FINALISTS] if c.gain > MOST * left]
+    likely += [c for c in here[:FINALISTS] if c not in likely]
+    return refitted(bench, state, [(c, lin) for c in likely])
+
+
+def _explaining(bench: Bench, tried: Sequence[Tried]) -> Effect | None:
+    """The effect of the best name, if it explains the records."""
+    name = min((one for one in tried if not is_curve(one)), key=left_by, default=None)
+    return None if name is None or not explains(bench, name.state, CLOSE**2) else name.candidate.effect
+
+
+def _from_fitted(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
+    """The likeliest names beyond a model."""
+    most = int(np.clip(EFFORT / degrees(state.problem.data), *REFITTED))
+    likely = catalogue(lin, state.effects, bench.workers)[:most]
+    if reduced_chi2(bench, state) <= CLOSE:
+        likely = promising(bench, likely, LEAST_SHARE * max(state.select - degrees(bench.split.select), 1.0))
+    else:
+        least, slight = LEAST_SHARE * beyond_noise(state, lin), SLIGHT * max((c.gain for c in likely), default=0.0)
+        likely = [
+            c
+            for k, c in enumerate(likely)
+            if c.gain > least or k < REFITTED[0] // 2 or (k < most // 2 and c.gain > slight)
+        ]
+        likely += balanced(lin, state.effects)
+    tried = as_it_creeps(bench, refitted(bench, state, [(c, lin) for c in likely]), CLOSE**2)
+    tried += _ringing(bench, state, lin, tried)
+    return _nearest_finely(bench, tried)
+
+
+def _and_curves(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> list[Tried]:
+    """The `names` tried beyond a model, and the likeliest curves where none of them explains the records: beside dry friction, which
+    leaves a little until a model is chosen, as `explains` has it."""
+    tried = list(names)
+    if reduced_chi2(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
+        tried += _besides(bench, state, lin)
+    rubs = any(effect.dry for effect in state.effects)
+    if not (bench.late or any(explains(bench, new) if rubs else reduced_chi2(bench, new) <= NAMED for _, new in tried)):
+        tried += _drawn(bench, state, lin)
+    return tried
+
+
+def _besides(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
+    """Laws beside the dry friction of a model, curves if no name is it, fitted until both settle."""
+    tried: list[Tried] = []
+    for likely in besides(lin, state.effects):
+        if not bench.late and all(left_by(one) > HALF * state.select for one in tried):
+            refits = [replace(with_candidate(state, c, lin), outer=FULLY, roughly=FINELY) for c in likely]
+            tried += map(Tried, likely, all_fitted(bench, refits))
+    for _, new in tried:
+        bench.say(f"  beside what rubs, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
+    return tried
+
+
+def _nearest_finely(bench: Bench, tried: list[Tried]) -> list[Tried]:
+    """The candidates, the best fitted finely where it is near the noise: it may leave nothing, and nothing else need be tried."""
+    best = min(tried, key=left_by, default=None)
+    if best is None or not NAMED < reduced_chi2(bench, best.state) <= CLOSE**2:
+        return tried
+    state = otherwise_if_left(bench, finer(bench, best.state))
+    return [one.refitted(state) if one is best else one for one in tried]
+
+
+def _drawn(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
+    """The likeliest mass that rings at a motor beyond a model, hastily refitted; if that leaves anything, the likeliest learned curves;
+    frequency responses that promise more than any law, from the declared arm, too, if the fit is very far off."""
+    least = LEAST_SHARE * beyond_noise(state, lin)
+    rung = _rung(bench, state, lin, least)
+    if any(left_by(one) < ENOUGH * state.select or reduced_chi2(bench, one.state) <= NAMED for one in rung):
+        return rung
+    laws = curves(lin, bench.workers)[:CURVES]
+    ahead = responses(lin, max([least, *(c.gain for c in laws)]), bench.workers)[:CURVES]
+    drawn = [(c, lin) for c in [*laws, *ahead] if c.gain > least]
+    if ahead and reduced_chi2(bench, state) > BENT:
+        declared = linearised(state.problem, as_declared(bench, state))
+        drawn += [(c, declared) for c in responses(declared, 0.0, bench.workers)[:CURVES]]
+    return rung + refitted(bench, state, drawn)
+
+
+def _rung(bench: Bench, state: State, lin: Linearised, least: float) -> list[Tried]:
+    """The likeliest mass that rings at a motor, if it promises so much at `least`, from the declared arm, too, if the fit is very far off."""
+    origins = [lin]
+    if reduced_chi2(bench, state) > BENT:
+        origins.append(linearised(state.problem, as_declared(bench, state)))
+    rings = [(c, at) for at in origins for c in resonances(at, state.effects, least, bench.workers)[:1]]
+    rung = refitted(bench, state, rings)
+    return rung + _ringing(bench, state, lin, rung)
+
+
+def _from_declared(bench: Bench, state: State, found: Effect | None) -> list[Tried]:
+    """The likeliest names beyond the declared arm with the effects of `state`, or the effect that was `found` already."""
+    declared = linearised(state.problem, as_declared(bench, state))
+    if found is not None:
+        again = [c for c in [best_of(declared, type(found), found.joint)] if c is not None]
+    else:
+        likely = catalogue(declared, state.effects, bench.workers)[: 2 * SURELY]
+        likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
+        again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
+        again += [larger(c, LARGER) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
+    tried = refitted(bench, state, [(c, declared) for c in again])
+    best = min(tried, key=left_by, default=None)
+    if best is not None and only_shapes(best.candidate.effect) and reduced_chi2(bench, best.state) > CLOSE**2:
+        tried += _bending(bench, state, declared, lambda effect: same(effect, best.candidate.effect))
+    all_at_once = best is not None and best.candidate.effect.joint is None
+    much = max(BENT * degrees(bench.split.select), MUCH * state.select)
+    if found is None and not all_at_once and all(left_by(one) > much for one in tried):
+        # a soft base, or lock, bends the whole arm, and promises nothing from there
+        tried += _bending(bench, state, declared, lambda e: e.joint is None or isinstance(e, LockedJointElasticity))
+    return as_it_creeps(bench, tried, CLOSE**2)
+
+
+def _bending(
+    bench: Bench,
+    state: State,
+    lin: Linearised,
+    wanted: Callable[[Effect], bool] = lambda effect: True,
+) -> list[Tried]:
+    """The impedances of shapes alone that may have bent the arm, those `wanted`, from plausible ones."""
+    return by_few_lines(bench, state, lin, [c for c in bending(lin, state.effects) if wanted(c.effect)])
+
+
+def _ringing(bench: Bench, state: State, lin: Linearised, tried: Sequence[Tried]) -> list[Tried]:
+    """What rings, promises most of all that were `tried` and leaves nearly all there was, at other frequencies."""
+    best = max(tried, key=lambda one: one.candidate.gain, default=None)
+    failed = best is not None and reduced_chi2(bench, state) > CLOSE and left_by(best) > MUCH * state.select
+    return by_few_lines(bench, state, lin, ringing(best[0])) if best is not None and failed else []
+
+
+def ahead(bench: Bench, tried: Sequence[Tried]) -> Tried | None:
+    """A name so far ahead of all other candidates that these need not be fitted finely; none if it leaves nothing already, where only
+    those near it are."""
+    order = sorted(tried, key=left_by)
+    others = [left_by(one) for one in order if one.candidate.key != order[0].candidate.key]
+    if not others or is_curve(order[0]) or left_by(order[0]) > min(LEADING * others[0], bench.at_first):
+        return None
+    return None if explains(bench, order[0].state, CLOSE**2) else order[0]
+
+
+def outshines(bench: Bench, one: Tried, tried: Sequence[Tried]) -> bool:
+    """Whether a name that is far ahead of all that were `tried` leaves so little of what there is without effects that what is left is
+    another effect's: a law that leads little in noise powers, what gives little of all that there was, or of what any other leaves."""
+    dof = degrees(bench.split.select)
+    if only_impedance(one.candidate.effect):
+        others = min((left_by(other) for other in tried if other.candidate.key != one.candidate.key), default=0.0)
+        leads = left_by(one) <= min(AHEAD * others, LEADING * bench.at_first)
+        return leads or one.state.select - dof < ENOUGH * (bench.at_first - dof)
+    return law_leads(bench, tried) and reduced_chi2(bench, one.state) <= CLOSE**2
+
+
+def at_minimum(bench: Bench, one: Tried) -> Tried:
+    """A candidate that is far ahead, at its minimum."""
+    state = fully(bench, wound_up(bench, otherwise_if_left(bench, one.state)))
+    if winds_up(state.effects[-1]) and reduced_chi2(bench, state) > NAMED and not bench.late:
+        state = afresh(bench, state)
+    bench.say(f"  far ahead, {told(state.effects[-1])}: {reduced_chi2(bench, state):.4g}")
+    return one.refitted(state)
+
+
+def giving(bench: Bench, state: State, lin: Linearised, one: Tried, tried: Sequence[Tried]) -> list[Tried]:
+    """Beside what gives, a spring or a mode of its own, all else that gives at its joint and was not `tried` beyond `state`: as shapes move
+    far, what these promise to first order says little."""
+    effect = one.state.effects[-1]
+    if not only_impedance(effect) or effect.joint is None or effect.numbers < 2:
+        return []
+    known = [*state.effects, *(other.effect for other, _ in tried)]
+    kinds = of_kinds(
+        lin, lambda k, at: at == effect.joint and overrides(k, "impedance") and len(k.parameters) > 1, known
+    )
+    names = [best_of(lin, *one) for one in kinds]
+    likely = [c for c in names if c is not None and only_impedance(c.effect)]
+    return refitted(bench, state, [(c, lin) for c in likely])
+
+
+def polished(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
+    """The candidates, those that may be chosen fitted finely, and the best name from other places where it leaves something.
+    Once it is late all stay as they are."""
+    if bench.late:
+        return list(tried)
+    tried = curve_finely(bench, tried)
+    finalists = _finalists(bench, tried)
+    if not finalists:
+        return list(tried)
+    found = finely(bench, finalists) + [one for one in tried if all(one is not other for other in finalists)]
+    named = best_names(found)
+    if not named:
+        return found
+    best_name, likeliest = named[0], max(named, key=lambda one: one.candidate.gain)
+    if likeliest is not best_name and (other := last_otherwise(bench, likeliest.state)) is not likeliest.state:
+        found = [one.refitted(other) if one is likeliest else one for one in found]
+        best_name = best_names(found)[0]
+    if drawn_whole(bench, found):
+        return found
+    better = wound_up(bench, otherwise_if_left(bench, best_name.state))
+    far = not explains(bench, better) or (winds_up(better.effects[-1]) and reduced_chi2(bench, better) > NAMED)
+    curve = min((left_by(one) for one in found if is_curve(one)), default=np.inf)
+    if far and not bench.late and curve > UNLIKELY * better.select:
+        better = elsewhere(bench, better, better.effects[-1])
+    return [one.refitted(better) if one is best_name else one for one in found]
+
+
+def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
+    """The candidates to be fitted finely: where a name leaves nothing, those near the noise, or none if it is alone there; where none
+    is near, those not far behind the best, but none behind a law that is far ahead, or behind what rings that is. Of the curves the best,
+    and dry friction that is as good in haste.
+    """
+    named, drawn = best_names(tried), curves_alike(tried)
+    near = CLOSE**2 * degrees(bench.split.select)
+    if not named:
+        return drawn
+    if rings_ahead(tried):
+        return drawn[:1]
+    left = reduced_chi2(bench, named[0].state)
+    if explains(bench, named[0].state, CLOSE**2):
+        rivals = [one for one in named[:FINALISTS] + (drawn if left > NAMED else []) if left_by(one) <= near]
+        return rivals if len(rivals) > 1 or left > NAMED else []
+    if law_leads(bench, tried):
+        return named[:1] + drawn
+    return named[:1] + [one for one in named[1:FINALISTS] + drawn if UNLIKELY * left_by(one) <= left_by(named[0])]

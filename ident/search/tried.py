@@ -1,0 +1,81 @@
+"""Candidates refitted with a model, hastily: one after the other, or many of them by few lines first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ident.records.campaign import Array
+from ident.search.candidates import Candidate, bounds, units
+from ident.search.choice import Tried
+from ident.search.minima import WOUND, told, winds_up
+from ident.search.refits import CLOSE, FIRST_LINES, HASTILY, NAMED, Bench, Refit, State, all_fitted, reduced_chi2, same
+from ident.search.trace import Linearised
+
+#: Of many candidates, those that few lines leave least to are refitted as others are.
+BEST = 2
+#: Share of what one promises that leaves nothing, that others must.
+PROMISED = 0.5
+
+
+def by_few_lines(bench: Bench, state: State, lin: Linearised, likely: Sequence[Candidate]) -> list[Tried]:
+    """The best two of many candidates, by few lines, refitted as others are."""
+    if bench.late:
+        return []
+    refits = [replace(with_candidate(state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
+    left = [new.select for new in all_fitted(bench, refits)]
+    best = sorted(zip(left, range(len(left)), strict=True))[:BEST]
+    return refitted(bench, state, [(likely[k], lin) for _, k in best])
+
+
+def refitted(bench: Bench, state: State, short: Sequence[tuple[Candidate, Linearised]]) -> list[Tried]:
+    """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted; once one leaves nothing, where
+    there was much, none that promises much less, and none once it is late."""
+    if bench.late:
+        return []
+    refits = [with_candidate(state, candidate, origin) for candidate, origin in short]
+    candidates, whole = [candidate for candidate, _ in short], 0.0
+    tried: list[Tried] = []
+    for candidate, new in zip(candidates, all_fitted(bench, refits), strict=True):
+        tried.append(Tried(candidate, new))
+        bench.say(f"  {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}, promised {candidate.gain:.3g}")
+        if reduced_chi2(bench, new) <= NAMED and reduced_chi2(bench, state) > CLOSE:
+            whole = max(whole, candidate.gain)
+        if bench.late or all(other.gain < PROMISED * whole for other in candidates[len(tried) :]):
+            break
+    return tried
+
+
+def again(bench: Bench, state: State, earlier: Sequence[State]) -> list[Tried]:
+    """The model `state` with the last effect of each of some `earlier` ones, as it was in them, on the arm that they had."""
+    refits: dict[tuple[str, int | None], tuple[Candidate, Refit]] = {}
+    base = state.problem.base
+    for other in earlier:
+        effect, arm = other.effects[-1], other.minimum.vector[:base]
+        own = len(other.scales) - len(effect.values)
+        candidate = Candidate(effect, 0.0, other.scales[own:])
+        if not any(same(effect, e) for e in state.effects) and (effect.name, effect.joint) not in refits:
+            found = np.concatenate([arm, state.minimum.vector[base:]])
+            refits[effect.name, effect.joint] = candidate, _with(state, found, candidate, other.limits[own:])
+    candidates, models = [c for c, _ in refits.values()], all_fitted(bench, [refit for _, refit in refits.values()])
+    tried = list(map(Tried, candidates, models))
+    for _, new in tried:
+        bench.say(f"  again, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
+    return tried
+
+
+def with_candidate(state: State, candidate: Candidate, lin: Linearised) -> Refit:
+    """The model with a candidate, to be refitted hastily."""
+    unit = units(lin, type(candidate.effect), candidate.effect.joint)
+    limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
+    return _with(state, lin.vector, candidate, limits)
+
+
+def _with(state: State, vector: Array, candidate: Candidate, limits: tuple[tuple[float, float], ...]) -> Refit:
+    """The model with a candidate, to be refitted hastily from this `vector` of all that it has already."""
+    return Refit(
+        np.concatenate([vector, candidate.effect.values]), (*state.effects, candidate.effect), state.scales + candidate.scales,
+        state.limits + limits, WOUND if winds_up(candidate.effect) else 1, HASTILY, slid=state.minimum.slid,
+    )  # fmt: skip

@@ -1,0 +1,46 @@
+"""Whole numbers of effects, an order or the record of a change: others tried, as what was missing may have bent the arm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ident.search.candidates import otherwise
+from ident.search.minima import told
+from ident.search.refits import NAMED, Bench, Refit, State, all_fitted, but_last, fitted, reduced_chi2, some, standing
+from ident.search.tried import with_candidate
+
+
+def otherwise_if_left(bench: Bench, state: State) -> State:
+    """The model, or a better one whose last effect has another whole number, if anything is left."""
+    return state if bench.late or reduced_chi2(bench, state) < NAMED else last_otherwise(bench, state)
+
+
+def last_otherwise(bench: Bench, state: State) -> State:
+    """The model, or a better one whose last effect has another whole number."""
+    effect = state.effects[-1]
+    if not any(p.whole for p in effect.parameters):
+        return state
+    plain, lin = standing(bench, state, but_last(state))
+    refits = [with_candidate(plain, candidate, lin) for candidate in otherwise(lin, effect)]
+    best = min(all_fitted(bench, refits), key=lambda other: other.select, default=state)
+    if best.select >= state.select:
+        return state
+    best = fitted(bench, Refit.of(best))
+    bench.say(f"  otherwise, {told(best.effects[-1])}: {reduced_chi2(bench, best):.4g}")
+    return best if best.select < state.select else state
+
+
+def each_otherwise(bench: Bench, state: State) -> State:
+    """The model, or a better one whose effects have other whole numbers, though hardly anything is left: a wave whose order is off by one
+    does nearly as much, and what it does not is taken up by the arm's constants."""
+    places = range(len(state.effects))
+    for k, effect in enumerate(state.effects):
+        if bench.late or not any(p.whole for p in effect.parameters):
+            continue
+        order = [*(other for other in places if other != k), k]
+        last = state if k == places[-1] else fitted(bench, some(state, order))
+        new = last_otherwise(bench, last)
+        if new is not last:
+            new = new if k == places[-1] else fitted(bench, some(new, np.argsort(order).tolist()))
+            state = min(state, new, key=lambda one: one.select)
+    return state
