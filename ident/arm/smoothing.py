@@ -29,7 +29,9 @@ from ident.records.frf import Complex
 SWEEPS, MOST_SWEEPS = 3, 30
 #: They agree when they change by less than this share, or nearly when the angles do so, by chi^2, by less than that share of the misfit;
 #: they never will when this is so many times the least, or has not been less so many times in a row.
-SAME, NEARLY, AWAY, IN_VAIN = 1e-4, 0.1, 10.0, 8
+SAME, NEARLY, AWAY, IN_VAIN = 1e-4, 0.03, 10.0, 8
+#: Later forces agree better: they are taken where they leave less than so many times the least.
+HARDLY_MORE = 1.01
 #: Steps towards a force that follows from a position, the change that ends them; resistances [of the median one of the port] that
 #: damp turns to dry friction, tried by turns; behind a spring this share of them.
 STEPS, SETTLED, DAMPED, BEHIND = 20, 1e-4, (0.5, 2.0, 0.125), 0.25
@@ -74,15 +76,16 @@ def _smoothed(
     best, least = on, arm.misfit(on)
     laws = {key: _laws(effects, key[0], int(scene.arm.live[key[1]])) for key in on}
     rubbing, springy = ([key for key, at in laws.items() if at[kind]] for kind in (0, 1))
-    mixture, vain, most = Mixture(), 0, MOST_SWEEPS if len(on) > 1 and turns >= TURNS else SWEEPS
+    at_once = len(on) <= 1 and not any(law.by_load for dry, _ in laws.values() for law in dry)
+    mixture, vain, most = Mixture(), 0, MOST_SWEEPS if not at_once and turns >= TURNS else SWEEPS
     for sweep in range(most):
         before, on = on, _swept(arm, effects, laws, on, slid, turns, sweep == 0)
         misfit = arm.misfit(on)
         vain = 0 if misfit < least else vain + 1
         hopeless = not misfit < AWAY * least or vain == IN_VAIN
-        if misfit < least:
-            best, least = on, misfit
-        agree = all(now.near(on[key], SAME) for key, now in before.items()) or (bool(rubbing) and len(on) == 1)
+        if misfit < HARDLY_MORE * least:
+            best, least = on, min(misfit, least)
+        agree = all(now.near(on[key], SAME) for key, now in before.items()) or (bool(rubbing) and at_once)
         if start.second is not None:  # told by a motion under forces that followed from what was measured
             links = arm.likely(best)[1][arm.inside]
             arm, felt = arm.with_second(second_order(scene, p, effects, links, arm.moving(best)))

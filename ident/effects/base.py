@@ -152,6 +152,8 @@ class Effect(ABC):
     dry: ClassVar[bool] = False
     #: It is against that velocity, too, and nothing at rest.
     drags: ClassVar[bool] = False
+    #: It depends on the load of its joint, which it changes itself.
+    by_load: ClassVar[bool] = False
     #: What of its joint its impedance depends on: "K", or "J", the row of J.
     impedance_of: ClassVar[str] = ""
     #: It carries links, whose inertia is that of the declared ones: what it is depends on them.

@@ -61,7 +61,7 @@ class MotorQuadraticDrag(Law):
 class LoadDependentFriction(Law):
     """Dry friction of the output in proportion to the torque that its spring carries: share |spring| against the link."""
 
-    name, port, dry = "load-dependent-friction", "link", True
+    name, port, dry, by_load = "load-dependent-friction", "link", True, True
     parameters = (Parameter("share", "", 0.0, 1.0, (0.05, 0.02), linear=True),)
 
     def law(self, at: State) -> Any:

@@ -268,5 +268,6 @@ def learned(
         period = repeats
         smooth = bends
         dry = kind.dry
+        by_load = kind.of == "load"
 
     return Curve

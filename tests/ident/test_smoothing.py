@@ -86,6 +86,9 @@ def levels(
         pytest.param(LinkCoulomb(1, (0.4,)), "joint1", 1.0, 100.0, 1.15, id="a link that sticks"),
         pytest.param(LinkCoulomb(1, (0.4,)), "joint2", 0.5, 1.03, 1.0, id="a link that slides"),
         pytest.param(SpringHardening(1, (3e7,)), "joint2", 1.0, 100.0, 1.15, id="a spring under load"),
+        pytest.param(
+            LoadDependentFriction(0, (0.4,)), "joint1", 1.0, 4.0, 1.0, id="a link that rubs by the load it makes"
+        ),
     ],
 )
 def test_true_parameters_explain_a_record_with_the_motion_they_make(
