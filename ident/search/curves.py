@@ -29,6 +29,8 @@ PARTS = 512
 #: Those of a velocity about standstill, where what rubs changes most, and of a drive's torque about none, where it is dead, as
 #: shares of the highest; times the last of these beyond which the others begin.
 RESTING, BEGIN = (0.001, 0.004, 0.012, 0.035), 1.6
+#: Share of what is covered that the first and the last stretch of a curve are at least.
+ENDS = 0.02
 #: Highest order [per rad of the motor] of a wave of a curve that repeats itself, its harmonics; at how many places such curves
 #: are looked for, peaks there, harmonics that a peak may be, and whole parts
 #: of a turn that are tried: one is preferred that does this share of what others do.
@@ -166,7 +168,15 @@ def _shape(lin: Linearised, port: str, joint: int, name: str) -> Shape | None:
         knots = np.sort(np.concatenate([knots[np.abs(knots) > BEGIN * about.max()], about]))
     if np.any(np.diff(knots) <= 1e-9 * (high - low)):
         knots = np.linspace(low, high, len(knots))
+    knots = knots if of_place(port, name) else _wide_at_ends(knots)
     return learned(port, name, knots.tolist()), joint
+
+
+def _wide_at_ends(knots: Array) -> Array:
+    """The knots but for those near the first or the last one: beyond them a curve goes on as steeply as there."""
+    (first, *_, last), inner = knots, knots[1:-1]
+    least = ENDS * (last - first)
+    return np.concatenate([[first], inner[(inner - first > least) & (last - inner > least)], [last]])
 
 
 def _turns(lin: Linearised, port: str, joint: int) -> float:

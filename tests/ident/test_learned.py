@@ -25,7 +25,7 @@ from ident.effects.motion import State
 from ident.search.added import drawn_over, outdone, pruned
 from ident.search.alike import names_alike
 from ident.search.candidates import Candidate
-from ident.search.curves import PARTS, _repeating, _shape, curves, wave
+from ident.search.curves import PARTS, _repeating, _shape, _wide_at_ends, curves, wave
 from ident.search.minima import fully, told
 from ident.search.periods import Spectrum, spectrum
 from ident.search.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
@@ -205,6 +205,18 @@ def test_waves_are_looked_for_beside_dry_friction() -> None:
     lin = linearise(end.problem, end.minimum.vector, hold(end.problem, end.minimum.vector))
     seen = spectrum(lin, "motor", "motor", diagnosed.JOINT, 20.0, of="friction")
     assert seen is not None and np.isfinite(seen.fall).all() and seen.fall.max() > 0.0
+
+
+def test_no_stretch_at_an_end_is_so_short_that_its_slope_means_nothing() -> None:
+    """Where records are most of the time may be the end of what they cover: a record that goes beyond had been told nonsense."""
+    assert _wide_at_ends(np.array([-2.220, -2.216, -0.6, 0.0, 3.0, 5.95, 5.956])).tolist() == [
+        -2.220,
+        -0.6,
+        0.0,
+        3.0,
+        5.956,
+    ]
+    assert _wide_at_ends(np.array([0.0, 0.001, 1.0])).tolist() == [0.0, 1.0]
 
 
 def test_a_spectrum_is_what_each_wave_explains() -> None:
