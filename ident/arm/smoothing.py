@@ -76,7 +76,7 @@ def _smoothed(
     best, least = on, arm.misfit(on)
     laws = {key: _laws(effects, key[0], int(scene.arm.live[key[1]])) for key in on}
     rubbing, springy = ([key for key, at in laws.items() if at[kind]] for kind in (0, 1))
-    at_once = len(on) <= 1 and not any(law.by_load for dry, _ in laws.values() for law in dry)
+    at_once = all(_at_once(effects, port, int(scene.arm.live[k])) for port, k in on) and len(on) <= 1
     mixture, vain, most = Mixture(), 0, MOST_SWEEPS if not at_once and turns >= TURNS else SWEEPS
     for sweep in range(most):
         before, on = on, _swept(arm, effects, laws, on, slid, turns, sweep == 0)
@@ -109,11 +109,22 @@ Laws = tuple[list[PeriodicLaw], list[PeriodicLaw]]
 
 
 def _laws(effects: Sequence[Effect], port: str, joint: int) -> Laws:
-    here = [e for e in effects if isinstance(e, PeriodicLaw) and (e.port, e.joint) == (port, joint)]
-    springs = [law for law in here if not law.linear]
-    if any(law.dry for law in here):
+    springs = _forcing(effects, port, joint)
+    if any(law.dry for law in springs):
         return [law for law in springs if law.dry or law.drags], []
     return [], springs
+
+
+def _forcing(effects: Sequence[Effect], port: str, joint: int) -> list[PeriodicLaw]:
+    """The laws at a port that are no impedances."""
+    here = [e for e in effects if isinstance(e, PeriodicLaw) and (e.port, e.joint) == (port, joint)]
+    return [law for law in here if not law.linear]
+
+
+def _at_once(effects: Sequence[Effect], port: str, joint: int) -> bool:
+    """Whether one sweep finds the force at a port: of friction of its velocity alone, or where nothing is dry."""
+    here = _forcing(effects, port, joint)
+    return not any(law.dry for law in here) or all((law.dry or law.drags) and not law.by_load for law in here)
 
 
 def _swept(

@@ -99,6 +99,13 @@ def test_true_parameters_explain_a_record_with_the_motion_they_make(
     assert by_measured > measured
 
 
+def test_friction_is_found_together_with_a_hysteresis_at_its_port() -> None:
+    """Each is of the motion that both leave: found once, beside a hysteresis of the motion before, 3400 times the noise was left."""
+    both = LinkCoulomb(0, (0.3,)), LinkHysteresis(0, (0.3, 2e-4))
+    by_measured, by_smoothed = levels(both[0], "joint1", (0.0, 1.57, 0.0), both[1])
+    assert by_measured > 1e3 and by_smoothed < 1.0
+
+
 def test_forces_of_second_order_follow_from_the_motion_that_friction_leaves() -> None:
     """Those of the motion that was measured, in which the foot does not stick, leave 1.02 times the noise."""
     posture = (0.0, 0.0, 0.0, 0.0, 0.0, 1.8145)
