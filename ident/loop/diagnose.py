@@ -50,6 +50,7 @@ from ident.search.rest import (
     is_of_one_joint,
     is_suspect,
     is_uneven,
+    is_unseen,
     left_over,
     may_be_bent,
     may_bend,
@@ -172,13 +173,14 @@ class Begun:
             bench.say(BY_LINES)
         state, added = _loop(bench, start, None, gives_way)
         left = left_over(bench, start, state)
-        if not bench.split.note and not bench.late and is_doubtful(bench, start, state, bool(left)):
+        unseen = not bench.split.note and is_unseen(bench, state)
+        if not bench.split.note and not bench.late and (unseen or is_doubtful(bench, start, state, bool(left))):
             bench.say(BY_LINES)
             by_lines = _by_lines(bench, data)
             resumed = _resumed(*by_lines, state, added)
-            if resumed is not None or (left and (not added or share_left(bench, start, state) > LEFT)):
+            if resumed is not None or (left and (unseen or not added or share_left(bench, start, state) > LEFT)):
                 other, more = _loop(*by_lines, resumed, gives_way)
-                if share_left(*by_lines, other) < share_left(bench, start, state):
+                if share_left(*by_lines, other) < (LEFT if unseen else share_left(bench, start, state)):
                     (bench, start), state, added = by_lines, other, more
                     left = left_over(bench, start, state)
         if left and is_of_one_joint(bench, start, state, added):

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
+from ident.arm.arm_fit import chi_squared, hold
 from ident.arm.parts import degrees, few_lines, sampled
 from ident.effects.base import Effect, Law, has_forces
 from ident.effects.learned import Learned
 from ident.search.added import Added
 from ident.search.candidates import surest
+from ident.search.changes import told_of
 from ident.search.departures import Departure, departures, groups
 from ident.search.minima import winds_up
 from ident.search.refits import CLOSE, FEW_SAMPLES, NAMED, Bench, State, linearised, reduced_chi2
@@ -22,6 +24,8 @@ BENDS, MAY_BEND = 10.0, 1.5
 #: Degrees of freedom by which effects are looked for where no group of lines departs, and what one must promise: so much, and
 #: this share of them. Where nothing is missing it has been 114 of the 250 at most.
 LOOKED_AT, SURE, SURE_SHARE = 20_000, 150.0, 0.005
+#: Times chi^2 per degree of freedom of the other records that those which only report leave where something acts in them alone.
+UNSEEN = 30.0
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured.
 LEFT = 0.03
 
@@ -93,6 +97,15 @@ def is_little(bench: Bench, start: State, state: State) -> bool:
     )
 
 
+@lru_cache(maxsize=2)
+def is_unseen(bench: Bench, state: State) -> bool:
+    """Whether the records that only report leave far more than those that fit and choose: something acts in them alone."""
+    data = told_of(bench.split, state, bench.split.report)
+    problem = replace(state.problem, data=data)
+    left = chi_squared(problem, state.minimum.vector, hold(problem, state.minimum.vector)) / degrees(data)
+    return left > UNSEEN * max(reduced_chi2(bench, state), _fitting(bench, state), 1.0)
+
+
 def left_over(bench: Bench, start: State, state: State) -> tuple[Departure, ...]:
     """What stays unexplained, but for the small rest that known forces may leave; less of it where a name needs a curve at its own port."""
     most = CLOSE if _mended(state.effects) else CLOSE**2
@@ -102,6 +115,7 @@ def left_over(bench: Bench, start: State, state: State) -> tuple[Departure, ...]
         and share_left(bench, start, state) < LEFT
         and max(reduced_chi2(bench, state), _fitting(bench, state)) < most
     )
+    little = little and not is_unseen(bench, state)
     return () if little else departures(bench, state)
 
 

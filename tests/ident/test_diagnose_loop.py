@@ -32,7 +32,15 @@ from ident.search.added import Added, renamed
 from ident.search.candidates import catalogue, otherwise
 from ident.search.departures import groups
 from ident.search.refits import HASTILY, Bench, Refit, State, fitted, linearised, reduced_chi2
-from ident.search.rest import _fits_alone, _hardly_chooses, is_little, is_of_one_joint, may_be_bent, share_left
+from ident.search.rest import (
+    _fits_alone,
+    _hardly_chooses,
+    is_little,
+    is_of_one_joint,
+    is_unseen,
+    may_be_bent,
+    share_left,
+)
 from ident.search.trace import linearise
 from ident.simulator.bench import simulate
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
@@ -246,9 +254,9 @@ def test_what_is_resumed_by_lines_has_its_links_told_anew_first(monkeypatch: pyt
     assert _loop(bench, start, (found, ["added"])) == (mended, ["added"])
 
 
-@pytest.mark.parametrize(("chosen", "lines"), [(1.3, True), (0.95, False)])
-def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
-    chosen: float, lines: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("chosen", "unseen", "lines"), [(1.3, False, True), (0.95, False, False), (0.95, True, True)])
+def test_what_only_the_choosing_records_doubt_or_those_that_report_is_told_by_lines_of_every_record(
+    chosen: float, unseen: bool, lines: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The records that fit are fitted to the noise, and the little that the others leave is no departure."""
     none: Any = SimpleNamespace(all=0.0)
@@ -277,6 +285,7 @@ def test_what_only_the_choosing_records_doubt_is_told_by_lines_of_every_record(
         "settled": lambda bench, state: state,
         "errors": lambda *of: none,
         "told_of": lambda *of: (),
+        "is_unseen": lambda bench, state: unseen,
     }
     _instead(monkeypatch, stand_ins)
     monkeypatch.setattr("ident.search.refits.degrees", lambda data: 1)
@@ -521,3 +530,22 @@ def test_more_is_left_of_a_motion_that_may_not_be_found(
     monkeypatch.setattr("ident.search.rest._fitting", lambda bench, state: state.select)
     start, state = (SimpleNamespace(select=left, effects=(effect,)) for left in (of, 6.0))
     assert is_little(SimpleNamespace(), start, state) == little
+
+
+@pytest.mark.parametrize(
+    ("chosen", "reported", "unseen"), [(0.95, 29.0, False), (0.95, 31.0, True), (2.0, 50.0, False)]
+)
+def test_what_acts_in_records_that_only_report_is_seen_there(
+    chosen: float, reported: float, unseen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A joint that changed before the last record: what fits and chooses is explained without."""
+    stand_ins = {
+        "told_of": lambda split, state, data: data, "chi_squared": lambda *of: reported, "hold": lambda *of: (),
+        "degrees": lambda data: 1, "replace": lambda problem, data: problem, "_fitting": lambda bench, state: 0.9,
+        "reduced_chi2": lambda bench, state: chosen,
+    }  # fmt: skip
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(f"ident.search.rest.{name}", stand_in)
+    state: Any = SimpleNamespace(problem=None, minimum=SimpleNamespace(vector=None))
+    bench: Any = SimpleNamespace(split=SimpleNamespace(report=("one",)))
+    assert is_unseen.__wrapped__(bench, state) == unseen
