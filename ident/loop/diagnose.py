@@ -166,23 +166,33 @@ class Begun:
         )
         return Split(fit, select, report, split.note)
 
-    def diagnosed(self, gives_way: GivesWay = _never) -> Diagnosis:
-        """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm."""
-        data, bench, start = self.data, self.bench, self.start
+    def _searched(self, gives_way: GivesWay) -> tuple[Bench, State, State, list[Added], tuple[Departure, ...]]:
+        """The bench with which effects were looked for, the arm without them and with them, their entries, and what stays unexplained: by
+        lines of every record where parts that are records may tell too little."""
+        bench, start = self.bench, self.start
         if bench.split.note:
             bench.say(BY_LINES)
         state, added = _loop(bench, start, None, gives_way)
         left = left_over(bench, start, state)
-        unseen = not bench.split.note and is_unseen(bench, state)
-        if not bench.split.note and not bench.late and (unseen or is_doubtful(bench, start, state, bool(left))):
-            bench.say(BY_LINES)
-            by_lines = _by_lines(bench, data)
-            resumed = _resumed(*by_lines, state, added)
-            if resumed is not None or (left and (unseen or not added or share_left(bench, start, state) > LEFT)):
-                other, more = _loop(*by_lines, resumed, gives_way)
-                if share_left(*by_lines, other) < (LEFT if unseen else share_left(bench, start, state)):
-                    (bench, start), state, added = by_lines, other, more
-                    left = left_over(bench, start, state)
+        found = bench, start, state, added, left
+        if bench.split.note or bench.late:
+            return found
+        unseen = is_unseen(bench, state)
+        if not (unseen or is_doubtful(bench, start, state, bool(left))):
+            return found
+        bench.say(BY_LINES)
+        by_lines = _by_lines(bench, self.data)
+        resumed, share = _resumed(*by_lines, state, added), share_left(bench, start, state)
+        if resumed is None and not (left and (unseen or not added or share > LEFT)):
+            return found
+        state, added = _loop(*by_lines, resumed, gives_way)
+        if share_left(*by_lines, state) >= (LEFT if unseen else share):
+            return found
+        return *by_lines, state, added, left_over(*by_lines, state)
+
+    def diagnosed(self, gives_way: GivesWay = _never) -> Diagnosis:
+        """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm."""
+        bench, start, state, added, left = self._searched(gives_way)
         if left and is_of_one_joint(bench, start, state, added):
             bench.say(f"not named, as it leaves {reduced_chi2(bench, state):.4g}: {added[0].effect.name}")
             state, added = start, []
