@@ -76,9 +76,9 @@ def _untold(split: Split, state: State, place: int) -> range:
 
     def taken_otherwise(records: Iterable[int]) -> int | None:
         """The first of these records that would leave more, were it on the other side of the change, and those up to it."""
-        more = 0.0
+        more, now = 0.0, state.minimum.vector
         for record in records:
-            now, other = (_since(state, place, begin + 1), _since(state, place, record + 1 + (record >= begin)))
+            other = _since(state, place, record + 1 + (record >= begin))
             more += _left(state, other, parts[record]) - _left(state, now, parts[record])
             if more > TIE:
                 return record

@@ -31,6 +31,7 @@ from ident.search.refits import (
     reduced_chi2,
     same,
     some,
+    with_last,
 )
 
 #: Fall of chi^2 on the records that chose it with which an effect, or another place, is no matter of noise.
@@ -296,7 +297,7 @@ def afresh(bench: Bench, state: State) -> State:
 def links_anew(bench: Bench, state: State) -> State:
     """The model, or a better one with what its effects carry told anew: others were missing beside them."""
     for k, effect in enumerate(state.effects):
-        order = [*(other for other in range(len(state.effects)) if other != k), k]
+        order = with_last(state, k)
         if reduced_chi2(bench, state) <= NAMED or bench.late:
             break
         if isinstance(effect, Carrying) or (order[k] != k and effect.carries):

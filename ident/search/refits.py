@@ -266,6 +266,11 @@ def standing(bench: Bench, state: State, keep: Sequence[int]) -> tuple[State, Li
     return replace(state, effects=less.effects, scales=less.scales, limits=less.limits, select=left), lin
 
 
+def with_last(state: State, k: int) -> list[int]:
+    """The places of all effects, that of effect k the last."""
+    return [*(other for other in range(len(state.effects)) if other != k), k]
+
+
 def but_last(state: State) -> range:
     """The places of all effects but the last."""
     return range(len(state.effects) - 1)

@@ -6,7 +6,19 @@ import numpy as np
 
 from ident.search.candidates import otherwise
 from ident.search.minima import told
-from ident.search.refits import NAMED, Bench, Refit, State, all_fitted, but_last, fitted, reduced_chi2, some, standing
+from ident.search.refits import (
+    NAMED,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    but_last,
+    fitted,
+    reduced_chi2,
+    some,
+    standing,
+    with_last,
+)
 from ident.search.tried import with_candidate
 
 
@@ -33,14 +45,14 @@ def last_otherwise(bench: Bench, state: State) -> State:
 def each_otherwise(bench: Bench, state: State) -> State:
     """The model, or a better one whose effects have other whole numbers, though hardly anything is left: a wave whose order is off by one
     does nearly as much, and what it does not is taken up by the arm's constants."""
-    places = range(len(state.effects))
+    final = len(state.effects) - 1
     for k, effect in enumerate(state.effects):
         if bench.late or not any(p.whole for p in effect.parameters):
             continue
-        order = [*(other for other in places if other != k), k]
-        last = state if k == places[-1] else fitted(bench, some(state, order))
+        order = with_last(state, k)
+        last = state if k == final else fitted(bench, some(state, order))
         new = last_otherwise(bench, last)
         if new is not last:
-            new = new if k == places[-1] else fitted(bench, some(new, np.argsort(order).tolist()))
+            new = new if k == final else fitted(bench, some(new, np.argsort(order).tolist()))
             state = min(state, new, key=lambda one: one.select)
     return state
