@@ -7,12 +7,13 @@ from ident.effects.base import has_forces
 from ident.search.candidates import catalogue
 from ident.search.choice import Tried, left_by, plainest
 from ident.search.curves import wave
+from ident.search.finer import finer
 from ident.search.minima import LEAST_GAIN, fully
 from ident.search.refits import CLOSE, Bench, beyond_noise, but_last, reduced_chi2, standing
 from ident.search.trials import HARDLY, LIKELY
 from ident.search.tried import refitted
 
-#: Times what a law leaves that a plainer one leaves in haste that is not it.
+#: Times what a law leaves that a plainer one leaves in haste that is not it; `CLOSE` times, fitted finely.
 HOPELESS = 10.0
 #: Orders beyond a whole one up to which another is looked for; chi^2 per degree of freedom that it must leave less.
 NEXT, ANOTHER = 2.0, 0.02
@@ -29,6 +30,8 @@ def plainer(bench: Bench, one: Tried) -> Tried:
     likely = [c for c in names if c.effect.numbers < effect.numbers and c.gain > LIKELY * beyond_noise(plain, lin)]
     tried = refitted(bench, plain, [(c, lin) for c in likely])
     near = [other for other in tried if not HOPELESS * left_by(one) < left_by(other)]
+    near = [other.refitted(finer(bench, other.state)) for other in near]  # minima take long
+    near = [other for other in near if not CLOSE * left_by(one) < left_by(other)]
     return plainest(bench, [one, *(other.refitted(fully(bench, other.state)) for other in near)])
 
 

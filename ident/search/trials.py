@@ -127,12 +127,13 @@ def hasty(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> It
         if reduced_chi2(bench, state) > BENT and _explaining(bench, tried) is None:
             yield leader_finely(bench, _from_declared(bench, state, None))
     else:
-        tried = _and_curves(bench, state, lin, names)
+        anew = [] if _explaining(bench, names) is not None else _from_declared(bench, state, None)
+        tried = _and_curves(bench, state, lin, [*names, *anew])
         if not (drawn_whole(bench, tried) or hardly_bent(bench, state, tried)):
             if _explaining(bench, tried) is None:
                 tried += _bending(bench, state, lin)
             found = _explaining(bench, tried)
-            if found is None or only_impedance(found):
+            if found is not None and only_impedance(found):
                 tried += _from_declared(bench, state, found)
         yield tried
 

@@ -231,13 +231,16 @@ def test_what_promised_most_is_fitted_with_another_whole_number(
     assert type(min(found, key=lambda pair: pair[1].select)[1].effects[-1]) is best
 
 
-@pytest.mark.parametrize(("without_peak", "best"), [(0.91, MotorCoulomb), (1.4, MotorStribeck)])
+@pytest.mark.parametrize(
+    ("finely", "at_its_minimum", "best"),
+    [(2.0, 0.91, MotorCoulomb), (2.0, 1.4, MotorStribeck), (2.8, 0.91, MotorStribeck)],
+)
 def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
-    without_peak: float, best: type[Effect], monkeypatch: pytest.MonkeyPatch
+    finely: float, at_its_minimum: float, best: type[Effect], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only what promises to: drag does not."""
+    """Only what promises to: drag does not; nor is what stays far behind, fitted finely, taken to its minimum."""
     found = one(MotorStribeck(1, (5e-3, 6e-6, 0.2)), 0.9)
-    likely, unlikely = one(MotorCoulomb(1, (5e-3,)), without_peak), one(MotorQuadraticDrag(1, (1e-5,)), 0.8)
+    likely, unlikely = one(MotorCoulomb(1, (5e-3,)), 4.0), one(MotorQuadraticDrag(1, (1e-5,)), 0.8)
     likely[0].gain, unlikely[0].gain = 90.0, 20.0
     refits = {likely[0].effect.name: likely, unlikely[0].effect.name: unlikely}
     plain = SimpleNamespace(effects=())
@@ -248,7 +251,9 @@ def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
     monkeypatch.setattr(
         ident.search.naming, "refitted", lambda bench, state, short: [refits[c.effect.name] for c, _ in short]
     )
-    monkeypatch.setattr(ident.search.naming, "fully", lambda bench, state: state)
+    for step, left in (("finer", finely), ("fully", at_its_minimum)):
+        there = one(likely[0].effect, left)[1]
+        monkeypatch.setattr(ident.search.naming, step, lambda bench, state, there=there: there)
     monkeypatch.setattr(ident.search.choice, "degrees", lambda data: DOF)
     assert type(plainer(BENCH, found)[0].effect) is best
 
