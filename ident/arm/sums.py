@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -28,6 +28,8 @@ from symgen.forked import standing
 
 #: Numbers of the derivatives of a share's records that are kept for a bend (256 MB); more are found again.
 MOST_KEPT = 2**24
+#: Change of a parameter, in steps of `scale`, for which motions are found anew.
+FOLLOWED = 1e-4
 
 
 @dataclass
@@ -49,11 +51,22 @@ class Share:
         return [chi_squared_of(self.problem, vector, one, kept) for one, kept in pairs]
 
     def equations(self, vector: Array) -> list[tuple[float, Array, Array, NDArray[np.int64]]]:
-        found, self.last = [], None
-        for white, A, columns in self._whitened(vector):
-            real = np.concatenate([A.real, A.imag])
-            chi2 = 2.0 * float(np.vdot(white, white).real)
-            found.append((chi2, 2.0 * (A.conj().T @ white).real, 2.0 * (real.T @ real), columns))
+        self.last = None
+        return [_normal(*of_record) for of_record in self._whitened(vector)]
+
+    def following(self, vector: Array, which: Sequence[int]) -> list[tuple[float, Array, Array, NDArray[np.int64]]]:
+        """As `equations`; derivatives by the parameters `which` are differences between motions found anew."""
+        ahead = [vector + FOLLOWED * self.problem.scale * (np.arange(len(vector)) == k) for k in which]
+        there = [hold(self.problem, other) for other in ahead]
+        found = []
+        for record, (one, kept) in enumerate(zip(self.problem.data, self.held, strict=True)):
+            white, A, columns = whitened(self.problem, vector, one, kept)
+            follows = np.empty((len(white), len(which)), dtype=complex)
+            for k, (other, held) in enumerate(zip(ahead, there, strict=True)):
+                r = residual(self.problem, other, one, held[record].moved, judged=True)[0]
+                follows[:, k] = (whitened_by(kept.W[one.use], r).ravel() - white) / FOLLOWED
+            A = np.concatenate([A[:, ~np.isin(columns, which)], follows], axis=1)
+            found.append(_normal(white, A, np.concatenate([columns[~np.isin(columns, which)], which])))
         return found
 
     def curved(self, vector: Array, step: Array, share: float) -> list[tuple[Array, NDArray[np.int64]]]:
@@ -97,8 +110,17 @@ class Sums:
 
     def equations(self, vector: Array) -> tuple[float, Array, Array]:
         """Returns chi^2, half its gradient [P] and half its Gauss-Newton Hessian [P, P] per step of `scale`: the information."""
+        return self._added(vector, self._of_records("equations", vector))
+
+    def following(self, vector: Array, which: Sequence[int]) -> tuple[float, Array, Array]:
+        """As `equations`, where motions follow the parameters `which`; those at `vector` are held."""
+        return self._added(vector, self._of_records("following", vector, which))
+
+    def _added(
+        self, vector: Array, of_records: list[tuple[float, Array, Array, NDArray[np.int64]]]
+    ) -> tuple[float, Array, Array]:
         chi2, slope, information = unexpected(self.problem, vector)
-        for of_record, along, square, columns in self._of_records("equations", vector):
+        for of_record, along, square, columns in of_records:
             chi2 += of_record
             slope[columns] += along
             information[np.ix_(columns, columns)] += square
@@ -115,6 +137,12 @@ class Sums:
         """The answers of all shares, in the order of the records."""
         answers = [answer for share in self._ask((what, of)) for answer in share]
         return [answers[k] for k in np.argsort(np.concatenate(self._places))]
+
+
+def _normal(white: Complex, A: Complex, columns: NDArray[np.int64]) -> tuple[float, Array, Array, NDArray[np.int64]]:
+    """chi^2 of a whitened residual, half its gradient and half its Gauss-Newton Hessian, and the parameters of their `columns`."""
+    real = np.concatenate([A.real, A.imag])
+    return 2.0 * float(np.vdot(white, white).real), 2.0 * (A.conj().T @ white).real, 2.0 * (real.T @ real), columns
 
 
 @contextmanager

@@ -346,6 +346,11 @@ def has_forces(effect: Effect) -> bool:
     return by_law or overrides(effect, "loads", "reading")
 
 
+def winds_up(effect: Effect) -> bool:
+    """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
+    return isinstance(effect, PeriodicLaw) and not effect.linear and not effect.dry
+
+
 def overrides(effect: Effect | type[Effect], *hooks: str) -> bool:
     """Whether an effect, or all of a kind, does anything by one of these methods."""
     kind = effect if isinstance(effect, type) else type(effect)

@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm.coupled import DOUBTS
 from ident.arm.parts import degrees, united
 from ident.arm.scene import known
-from ident.effects.base import Effect, PeriodicLaw, only_impedance
+from ident.effects.base import Effect, only_impedance, winds_up
 from ident.effects.carried import FARTHEST, Carrying, carrying, of_declared_links, shown
 from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
 from ident.effects.learned import Learned, bent
@@ -31,13 +31,12 @@ from ident.search.refits import (
     reduced_chi2,
     same,
     some,
+    winding,
     with_last,
 )
 
 #: Fall of chi^2 on the records that chose it with which an effect, or another place, is no matter of noise.
 LEAST_GAIN = 40.0
-#: Times that motions are found for a candidate whose force follows from them.
-WOUND = 3
 #: Share of itself to which a fit makes chi^2 fall that goes on.
 FALLING = 0.8
 #: Sizes, of what it is, from where what forces is tried again.
@@ -51,6 +50,8 @@ STIFFER = (3.0, 10.0, 30.0)
 SHOWN_AT, MUCH_LESS = 8, 0.5
 #: Times that weights are made anew at the end where a curve is part of a model: its heights would go on for long, for nothing.
 BY_CURVE = 3
+#: chi^2 per degree of freedom of a model that may be near where it would end, had its fit not held the motion: it has left up to 21.
+LED_ASTRAY = 50.0
 #: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
 PATIENT, STILL = 8, 0.9
 #: Share of what a contact leaves that it may leave as it creeps from near where it is expected, for that to be sought farther off.
@@ -90,6 +91,7 @@ def fully(bench: Bench, state: State) -> State:
     state = _closely(bench, Refit.of(state), reduced_chi2(bench, state))
     if by_curve or bench.late or reduced_chi2(bench, state) <= NAMED:
         return state
+    state = followed(bench, state)
     for more in (_doubted, _carrying, crept):
         state = _closely_if_new(bench, state, more(bench, state))
     return state
@@ -98,6 +100,17 @@ def fully(bench: Bench, state: State) -> State:
 def _closely_if_new(bench: Bench, state: State, new: State) -> State:
     """The model, or what it became, at its minimum."""
     return state if new is state else _closely(bench, Refit.of(new), reduced_chi2(bench, new))
+
+
+def followed(bench: Bench, state: State) -> State:
+    """The model, or one where forces that wind a spring up are fitted with motions that follow them, if that leaves less: a fit that holds
+    them may be led away from where it would end."""
+    dry = any(effect.dry for effect in state.effects)
+    if dry or state.followed or not winding(state.effects) or not NAMED < reduced_chi2(bench, state) <= LED_ASTRAY:
+        return state
+    new = fitted(bench, replace(Refit.of(state), roughly=FAINTLY, followed=True))
+    bench.say(f"  its motion followed, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
+    return new if new.select < state.select else state
 
 
 def _doubted(bench: Bench, state: State) -> State:
@@ -314,11 +327,6 @@ def links_anew(bench: Bench, state: State) -> State:
 def _as_much(state: State, other: State) -> bool:
     """Whether two models, fitted alike, leave nearly the same."""
     return state.select / BACK < other.select < BACK * state.select
-
-
-def winds_up(effect: Effect) -> bool:
-    """Whether an effect has a force that its own motion follows by more than a line: more than one motion may do."""
-    return isinstance(effect, PeriodicLaw) and not effect.linear and not effect.dry
 
 
 def wound_up(bench: Bench, state: State) -> State:

@@ -14,9 +14,10 @@ from ident.arm.arm_model import Parameters
 from ident.arm.coupled import DOUBTS, problem_of
 from ident.arm.descent import Minimum, minimise
 from ident.arm.evidence import Evidence
+from ident.arm.following import follow
 from ident.arm.parts import Split, degrees, few_lines, sampled
 from ident.arm.sliding import TURNS
-from ident.effects.base import Effect, PortLaw
+from ident.effects.base import Effect, PortLaw, winds_up
 from ident.effects.carried import of_declared_links
 from ident.effects.learned import LINEAR, Learned
 from ident.records.campaign import Array, Campaign
@@ -27,6 +28,8 @@ from symgen.plan import Model
 #: Fall of chi^2 that ends a descent: of a candidate, of a finalist, of what is chosen; times that the weights of this are made
 #: anew.
 HASTILY, FINELY, FAINTLY, FULLY = 0.03, 0.002, 1e-4, 8
+#: Times that motions are found anew for a model whose force follows from them, hastily and finely.
+WOUND, WOUND_FINELY = 3, 5
 #: Turns to the force of dry friction, lines of a record, and records about, for a candidate; samples a line until one is chosen.
 FEW_TURNS, FEW_LINES, FEW_RECORDS, FEW_SAMPLES = 15, 250, 20, 6
 #: Lines of a record by which the arm without effects is looked for; by all, and a model at its minimum, where chi^2 per degree of
@@ -90,7 +93,7 @@ class Bench:
 @dataclass(frozen=True, eq=False)
 class State:
     """A fitted model: its effects, its minimum on the fit records, chi^2 on the choosing ones, how `roughly` it was fitted (fall of
-    chi^2 that ended it); both chi^2, and the information, as all lines would have it."""
+    chi^2 that ended it), whether with motions `followed`; both chi^2, and the information, as all lines would have it."""
 
     effects: tuple[Effect, ...]
     scales: tuple[float, ...]
@@ -99,12 +102,14 @@ class State:
     problem: Problem
     select: float
     roughly: float = 0.0
+    followed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Refit:
     """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it), first with `doubts`; dry friction
-    from where it was found last, `slid`; by so many `lines` of a record, None: all, or few if hastily."""
+    from where it was found last, `slid`; by so many `lines` of a record, None: all, or few if hastily. Motions are held while values change, or
+    `followed` where a force winds up."""
 
     vector: Array
     effects: tuple[Effect, ...]
@@ -115,11 +120,15 @@ class Refit:
     doubts: tuple[float, ...] = ()
     slid: Slides = field(default_factory=dict)
     lines: int | None = None
+    followed: bool = False
 
     @staticmethod
     def of(state: State) -> Refit:
         """The same model, fitted finely."""
-        return Refit(state.minimum.vector, state.effects, state.scales, state.limits, slid=state.minimum.slid)
+        outer = WOUND_FINELY if winding(state.effects) else 2
+        return Refit(
+            state.minimum.vector, state.effects, state.scales, state.limits, outer, slid=state.minimum.slid, followed=state.followed
+        )  # fmt: skip
 
 
 def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
@@ -155,7 +164,7 @@ def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
         problem = bench.problem(bench.split.fit, refit.effects, refit.scales, refit.limits)
         problem = replace(problem, slid=minimum.slid)
         effects = problem.effects_at(minimum.vector)
-        yield State(effects, refit.scales, refit.limits, minimum, problem, select, refit.roughly)
+        yield State(effects, refit.scales, refit.limits, minimum, problem, select, refit.roughly, refit.followed)
 
 
 def begun(bench: Bench) -> tuple[Bench, State]:
@@ -191,7 +200,10 @@ def fitted(bench: Bench, refit: Refit) -> State:
     whole = degrees(bench.split.fit) / degrees(fit), degrees(bench.split.select) / degrees(select)
     try:
         with np.errstate(all="ignore"):
-            minimum = minimise(problem, _as_declared(bench, refit), refit.doubts, refit.outer, refit.roughly)
+            if refit.followed and winding(refit.effects):
+                minimum = follow(problem, _as_declared(bench, refit), _that_wind(problem))
+            else:
+                minimum = minimise(problem, _as_declared(bench, refit), refit.doubts, refit.outer, refit.roughly)
             problem = replace(problem, slid=minimum.slid)
             chosen = replace(problem, data=select)
             chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
@@ -206,7 +218,19 @@ def fitted(bench: Bench, refit: Refit) -> State:
         minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
     effects, left = problem.effects_at(minimum.vector), chi2 * whole[1]
     problem = replace(problem, turns=TURNS)  # what it is asked later it tells as closely as any
-    return State(effects, refit.scales, refit.limits, minimum, problem, left, refit.roughly)
+    return State(effects, refit.scales, refit.limits, minimum, problem, left, refit.roughly, refit.followed)
+
+
+def winding(effects: Sequence[Effect]) -> set[int | None]:
+    """The joints that named effects wind up."""
+    return {effect.joint for effect in effects if winds_up(effect) and not isinstance(effect, Learned)}
+
+
+def _that_wind(problem: Problem) -> list[int]:
+    """The free parameters that motions follow most: of all effects, and of the drives that these wind up."""
+    n, joints = problem.n, winding(problem.effects)
+    drives = [k for k in range(4 * n) if k % n in joints]
+    return [k for k in (*drives, *range(problem.base, len(problem.free))) if problem.free[k]]
 
 
 def _few(part: tuple[Evidence, ...]) -> tuple[Evidence, ...]:

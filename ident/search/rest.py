@@ -8,13 +8,12 @@ from functools import lru_cache
 
 from ident.arm.arm_fit import chi_squared, hold
 from ident.arm.parts import degrees, few_lines, sampled
-from ident.effects.base import Effect, Law, has_forces
+from ident.effects.base import Effect, Law, has_forces, winds_up
 from ident.effects.learned import Learned
 from ident.search.added import Added
 from ident.search.candidates import surest
 from ident.search.changes import told_of
 from ident.search.departures import Departure, departures, groups
-from ident.search.minima import winds_up
 from ident.search.refits import CLOSE, FEW_SAMPLES, NAMED, Bench, State, linearised, reduced_chi2
 from ident.search.trials import BENT, ENOUGH
 

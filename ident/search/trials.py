@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.arm.parts import degrees
-from ident.effects.base import Effect, only_impedance, overrides
+from ident.effects.base import Effect, only_impedance, overrides, winds_up
 from ident.effects.structure import LockedJointElasticity
 from ident.search.candidates import Candidate, best_of, catalogue, larger, nearer, of_kinds
 from ident.search.choice import (
@@ -27,7 +27,7 @@ from ident.search.choice import (
 from ident.search.contact import as_it_creeps, balanced, besides
 from ident.search.curves import curves, resonances, responses
 from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
-from ident.search.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, winds_up, wound_up
+from ident.search.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, wound_up
 from ident.search.refits import (
     CLOSE,
     FINELY,

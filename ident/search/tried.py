@@ -7,11 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.effects.base import winds_up
 from ident.records.campaign import Array
 from ident.search.candidates import Candidate, bounds, units
 from ident.search.choice import Tried
-from ident.search.minima import WOUND, told, winds_up
-from ident.search.refits import CLOSE, FIRST_LINES, HASTILY, NAMED, Bench, Refit, State, all_fitted, reduced_chi2, same
+from ident.search.minima import told
+from ident.search.refits import (
+    CLOSE,
+    FIRST_LINES,
+    HASTILY,
+    NAMED,
+    WOUND,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    reduced_chi2,
+    same,
+)
 from ident.search.trace import Linearised
 
 #: Of many candidates, those that few lines leave least to are refitted as others are.
@@ -75,7 +88,8 @@ def with_candidate(state: State, candidate: Candidate, lin: Linearised) -> Refit
 
 def _with(state: State, vector: Array, candidate: Candidate, limits: tuple[tuple[float, float], ...]) -> Refit:
     """The model with a candidate, to be refitted hastily from this `vector` of all that it has already."""
+    effects = (*state.effects, candidate.effect)
     return Refit(
-        np.concatenate([vector, candidate.effect.values]), (*state.effects, candidate.effect), state.scales + candidate.scales,
-        state.limits + limits, WOUND if winds_up(candidate.effect) else 1, HASTILY, slid=state.minimum.slid,
+        np.concatenate([vector, candidate.effect.values]), effects, state.scales + candidate.scales, state.limits + limits,
+        WOUND if any(map(winds_up, effects)) else 1, HASTILY, slid=state.minimum.slid,
     )  # fmt: skip
