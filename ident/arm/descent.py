@@ -38,8 +38,6 @@ STRAIGHT, SLOWLY = 0.9, (0.2, 0.9)
 LOST = 0.8
 #: Motions found anew, one after another, under forces that follow from them, which leave more than an earlier one did: they lead away.
 ASTRAY = 2
-#: Times that the way there is halved.
-HALVED = 3
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,7 @@ class _Place:
 def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, roughly: float) -> Minimum:
     """`minimise`, once somebody sums over the records."""
     P, problem, last, begun = len(vector), sums.problem, np.inf, np.inf
-    place, converged, begin = _Place(vector, np.inf, np.zeros(P), np.zeros((P, P))), False, vector
+    place, converged = _Place(vector, np.inf, np.zeros(P), np.zeros((P, P))), False
     best: Minimum | None = None
     plain: Array | None = None
     shifted, worse = np.zeros(P), 0
@@ -101,8 +99,6 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
         place.weighed(sums, vector, doubt)
         if plain is not None and place.chi2 > begun:
             place.weighed(sums, plain, doubt)
-        elif followed and not doubt:
-            _back(sums, place, begin, begun)
         if not doubt and (best is None or place.chi2 < best.chi2):
             best, worse = place.at(sums, False), 0
         elif followed and not doubt and best is not None:
@@ -128,15 +124,6 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
     if best is not None and not converged and best.chi2 < LOST * begun:
         return best
     return place.at(sums, converged, (begin, begun))
-
-
-def _back(sums: Sums, place: _Place, begin: Array, begun: float) -> None:
-    """Goes back half the way to where a descent began, and half of that, while motions found anew leave more than `begun` there: it was
-    made with those that were right where it began."""
-    for _ in range(HALVED):
-        if place.chi2 <= begun:
-            break
-        place.weighed(sums, 0.5 * (begin + place.vector), 0.0)
 
 
 def _descended(sums: Sums, place: _Place, least: float, steps: int) -> bool:

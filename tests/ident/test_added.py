@@ -35,7 +35,7 @@ def state(level: float, *effects: Effect) -> Any:
     limits = tuple((0.0, 10.0 * v) for v in values)
     return SimpleNamespace(
         effects=effects, scales=tuple(2.0 * v for v in values), limits=limits, select=level * DOF,
-        minimum=SimpleNamespace(vector=vector, slid={}), problem=SimpleNamespace(base=BASE),
+        minimum=SimpleNamespace(vector=vector, slid={}), followed=False, problem=SimpleNamespace(base=BASE),
     )  # fmt: skip
 
 
