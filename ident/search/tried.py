@@ -24,6 +24,7 @@ from ident.search.refits import (
     all_fitted,
     reduced_chi2,
     same,
+    winding,
 )
 from ident.search.trace import Linearised
 
@@ -91,5 +92,5 @@ def _with(state: State, vector: Array, candidate: Candidate, limits: tuple[tuple
     effects = (*state.effects, candidate.effect)
     return Refit(
         np.concatenate([vector, candidate.effect.values]), effects, state.scales + candidate.scales, state.limits + limits,
-        WOUND if any(map(winds_up, effects)) else 1, HASTILY, slid=state.minimum.slid,
+        WOUND if winding(state.effects) or winds_up(candidate.effect) else 1, HASTILY, slid=state.minimum.slid,
     )  # fmt: skip

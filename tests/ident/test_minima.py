@@ -11,9 +11,12 @@ import pytest
 import ident.search.minima
 import ident.search.refits
 from ident.arm.descent import Minimum
+from ident.effects.base import Effect
 from ident.effects.declared import GravityStiffness
+from ident.effects.friction import LinkCoulomb, LinkViscous
+from ident.effects.spring import SpringHardening
 from ident.effects.structure import BaseCompliance
-from ident.search.minima import _closely, _doubted, _plausible, afresh
+from ident.search.minima import _closely, _doubted, _plausible, afresh, followed
 from ident.search.refits import FAINTLY, FINELY, Refit, fitted
 
 BENCH: Any = SimpleNamespace(late=False, say=lambda line: None)
@@ -62,6 +65,39 @@ def test_a_last_descent_whose_motions_no_longer_hold_is_taken_back(
     BENCH.split, BENCH.problem = SimpleNamespace(fit=(), select=()), lambda *of: problem
     state = fitted(BENCH, Refit(np.zeros(1), (), (), ()))
     assert (state.minimum.vector, state.select) == (ends, left[ends])
+
+
+HARD = SpringHardening(1, (1e7,))
+
+
+@pytest.mark.parametrize(
+    ("effects", "before", "after", "ends"),
+    [
+        ((HARD,), 21.0, 0.9, 0.9),
+        ((HARD,), 21.0, 22.0, 21.0),
+        ((HARD,), 1.0, 0.9, 1.0),  # nothing is left
+        ((HARD,), 200.0, 0.9, 200.0),  # more is missing
+        ((HARD, LinkCoulomb(1, (0.1,))), 21.0, 0.9, 21.0),  # where a joint sticks no derivative tells its motion
+        ((LinkViscous(1, (0.1,)),), 21.0, 0.9, 21.0),
+    ],
+)
+def test_motions_follow_what_winds_them_up_where_that_leaves_less(
+    effects: tuple[Effect, ...], before: float, after: float, ends: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def fit(bench: Any, refit: Refit) -> Any:
+        asked.append(refit.followed)
+        return SimpleNamespace(select=after, effects=effects)
+
+    monkeypatch.setattr(ident.search.minima, "fitted", fit)
+    monkeypatch.setattr(ident.search.minima, "reduced_chi2", lambda bench, state: state.select)
+    minimum = SimpleNamespace(vector=np.zeros(1), slid={})
+    state: Any = SimpleNamespace(
+        effects=effects, scales=(), limits=(), minimum=minimum, select=before, roughly=FAINTLY, followed=False
+    )
+    assert followed(BENCH, state).select == ends
+    assert all(asked)
 
 
 @pytest.mark.parametrize(
