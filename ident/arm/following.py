@@ -15,13 +15,11 @@ from ident.records.campaign import Array
 
 #: Steps at most, and tries of each; damping of the first, and by what it changes.
 STEPS, TRIALS, DAMPING, TIMES = 10, 6, 1e-3, 10.0
-#: Fall of chi^2 that ends it.
-ENOUGH = 1e-4
 
 
-def follow(problem: Problem, vector: Array, which: Sequence[int]) -> Minimum:
-    """Levenberg-Marquardt from `vector` [P] with motions and weights made anew at every step; so are motions for the derivatives by the
-    parameters `which`, by differences, but not for those by the others."""
+def follow(problem: Problem, vector: Array, which: Sequence[int], roughly: float) -> Minimum:
+    """Levenberg-Marquardt from `vector` [P] with motions and weights made anew at every step, until chi^2 falls by less than the share
+    `roughly`; so are motions for the derivatives by the parameters `which`, by differences, but not for those by the others."""
     with summed(problem) as sums:
         sums.hold(vector)
         chi2, slope, information = sums.following(vector, which)
@@ -38,7 +36,7 @@ def follow(problem: Problem, vector: Array, which: Sequence[int]) -> Minimum:
                 sums.hold(vector)
                 break
             fell, vector, damping = chi2 - left, trial, damping / TIMES
-            converged = fell < ENOUGH * chi2
+            converged = fell < roughly * chi2
             chi2, slope, information = sums.following(vector, which)
             if converged or problem.late:
                 break

@@ -215,6 +215,16 @@ def factor(at: State, port: str, name: str) -> Any:
             return 1.0
 
 
+def as_damping(curve: Learned) -> Array:
+    """Heights with which a curve at a motor or a spring, of a velocity or with which that is multiplied, is a damping of one."""
+    kind, knots = KINDS[curve.variable], np.asarray(curve.knots)
+    if kind.damps:
+        return np.ones(len(knots))
+    if kind.dry:
+        return np.abs(knots)
+    return knots if curve.port == "spring" else -knots
+
+
 def at_knots(curve: LearnedLaw, law: Law, N: float, K: float) -> Array | None:
     """What another law of its port and joint, with gear ratio `N` and stiffness `K`, gives at the knots of a curve; None where that
     follows from anything else than the curve's variable, or the curve is one that is multiplied or repeats itself."""

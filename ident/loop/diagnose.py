@@ -16,6 +16,7 @@ import numpy as np
 from ident.arm.coupled import declared_start
 from ident.arm.evidence import Evidence, evidence, gravity_basis
 from ident.arm.parts import Split, degrees, split, split_lines
+from ident.effects.base import winds_up
 from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.records.campaign import Campaign
@@ -344,8 +345,17 @@ def _loop(
         missing = missing if state is tried_from else ()
     if added and state is not begun_afresh and not bench.late and may_be_bent(bench, start, state):
         state = afresh(bench, state)
-    for effect in state.effects[:-1]:  # found while others were missing
-        if not (bench.late or explains(bench, state)):
+    state, added = _of_another_size(bench, state, added)
+    return each_otherwise(bench, state), added
+
+
+def _of_another_size(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
+    """The model and its entries, or those where effects that were found while others were missing are some other size, if that leaves
+    less: looked for where more is left than some others may leave, or than noise beside what winds a spring up, which may leave little
+    far from its size."""
+    for effect in state.effects[:-1]:
+        doubtful = reduced_chi2(bench, state) > NAMED if winds_up(effect) else not explains(bench, state)
+        if doubtful and not bench.late:
             new = elsewhere(bench, state, effect)
             state, added = new, renewed(state, new, added)
-    return each_otherwise(bench, state), added
+    return state, added

@@ -10,12 +10,13 @@ import numpy as np
 
 from ident.effects.base import Effect
 from ident.effects.creeping import Creeping
+from ident.effects.learned import KINDS, VARIABLES
 from ident.effects.motor import TorqueScale
 from ident.search.candidates import Candidate, best_of, of_kinds, smallest
 from ident.search.choice import Tried, is_curve, left_by
 from ident.search.curves import curve_of
 from ident.search.minima import CREPT, creeping_like, crept, told
-from ident.search.refits import Bench, Refit, State, all_fitted, reduced_chi2, same
+from ident.search.refits import BY_ALL, Bench, Refit, State, all_fitted, reduced_chi2, same
 from ident.search.trace import Linearised
 
 
@@ -62,6 +63,27 @@ def besides(lin: Linearised, effects: Sequence[Effect]) -> tuple[list[Candidate]
     curves = [curve_of(lin, port, joint, "velocity") for port, joint in rubs if joint is not None]
     new = [c for c in curves if c is not None and all(not same(c.effect, e) for e in effects)]
     return [smallest(lin, kind, joint) for kind, joint in kinds], new
+
+
+def rubbing(bench: Bench, lin: Linearised, tried: Sequence[Tried]) -> list[tuple[Candidate, Linearised]]:
+    """Curves of dry friction by all that its level may follow, whatever they promise, where the best that was `tried` is a name of such a
+    friction that leaves much: at its port and level, each with the arm that it found. Where a joint rests its friction could be any,
+    so that to first order none is missed."""
+    best = min(tried, key=left_by, default=None)
+    if best is None or is_curve(best) or reduced_chi2(bench, best.state) <= BY_ALL:
+        return []
+    law = best.state.effects[-1]
+    if not law.dry or law.joint is None:
+        return []
+    levels = [abs(v) for p, v in zip(law.parameters, law.values, strict=True) if p.relative == "torque"]
+    there = replace(lin, vector=best.state.minimum.vector[: len(lin.vector)])
+    found = []
+    for name in (name for name in VARIABLES[law.port] if KINDS[name].dry):
+        curve = curve_of(lin, law.port, law.joint, name)
+        if curve is not None and levels:
+            even = curve.effect.with_values([max(levels)] * len(curve.scales))
+            found.append((replace(curve, effect=even, scales=(max(levels),) * len(curve.scales)), there))
+    return found
 
 
 def _likewise(one: State, other: State) -> list[Refit]:

@@ -104,11 +104,14 @@ def _closely_if_new(bench: Bench, state: State, new: State) -> State:
 
 def followed(bench: Bench, state: State) -> State:
     """The model, or one where forces that wind a spring up are fitted with motions that follow them, if that leaves less: a fit that holds
-    them may be led away from where it would end."""
+    them may be led away from where it would end. Where that hardly helps hastily it is not done finely."""
     dry = any(effect.dry for effect in state.effects)
     if dry or state.followed or not winding(state.effects) or not NAMED < reduced_chi2(bench, state) <= LED_ASTRAY:
         return state
-    new = fitted(bench, replace(Refit.of(state), roughly=FAINTLY, followed=True))
+    new = fitted(bench, replace(Refit.of(state), roughly=HASTILY, followed=True))
+    if not new.select < FALLING * state.select:
+        return state
+    new = fitted(bench, replace(Refit.of(new), roughly=FAINTLY))
     bench.say(f"  its motion followed, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
     return new if new.select < state.select else state
 

@@ -19,7 +19,7 @@ from ident.arm.parts import Split, degrees, few_lines, sampled
 from ident.arm.sliding import TURNS
 from ident.effects.base import Effect, PortLaw, winds_up
 from ident.effects.carried import of_declared_links
-from ident.effects.learned import LINEAR, Learned
+from ident.effects.learned import LINEAR, Learned, as_damping
 from ident.records.campaign import Array, Campaign
 from ident.search.trace import Linearised, linearise
 from symgen.forked import forked
@@ -82,7 +82,7 @@ class Bench:
         held = [p.whole or p.declared or _drawn_again(e, effects) for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(held, dtype=bool)
-        free[_drawn_besides(effects, problem.n)] = False
+        free[[k for _, k in _drawn_besides(effects, problem.n)]] = False
         weights = [1.0 if p.aside else UNSEEN_HEIGHT * isinstance(e, Learned) for e in effects for p in e.parameters]
         weight = np.concatenate([np.full(problem.base, self.firm), weights])
         centre = np.concatenate([self.guess.vector(), np.zeros(len(weights))])
@@ -139,17 +139,23 @@ def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
     return any((curve.port, curve.joint) == (effect.port, effect.joint) for curve in curves)
 
 
-def _drawn_besides(effects: Sequence[Effect], n: int) -> list[int]:
-    """The stiffnesses and dampings of the arm, by their places, which the slopes of learned curves are, too."""
+def _drawn_besides(effects: Sequence[Effect], n: int) -> list[tuple[Learned, int]]:
+    """The learned curves of which the slopes are a stiffness or a damping of the arm, too, and its place."""
     curves = [e for e in effects if isinstance(e, Learned) and (e.port, e.variable) in SLOPES]
-    return [SLOPES[e.port, e.variable] * n + e.joint for e in curves if e.joint is not None]
+    return [(e, SLOPES[e.port, e.variable] * n + e.joint) for e in curves if e.joint is not None]
 
 
 def _as_declared(bench: Bench, refit: Refit) -> Array:
-    """Where the fit begins: with dampings that curves draw, too, as declared. What was found without the curve is not the damping."""
-    n, vector = len(bench.guess.K), refit.vector.copy()
-    dampings = [k for k in _drawn_besides(refit.effects, n) if k >= 2 * n]
-    vector[dampings] = bench.guess.vector()[dampings]
+    """Where the fit begins: with dampings that curves draw, too, as declared. What one that was found without its curve is more than that
+    begins as part of the curve."""
+    declared, vector = bench.guess.vector(), refit.vector.copy()
+    n, base = len(bench.guess.K), len(vector) - len(refit.scales)
+    for effect, slots in zip(refit.effects, _slots(refit), strict=True):
+        for curve, k in (one for one in _drawn_besides([effect], n) if one[1] >= 2 * n):
+            more = (np.exp(vector[k]) - np.exp(declared[k])) * as_damping(curve)
+            low, high = np.transpose([refit.limits[i] for i in slots])
+            vector[base + slots] = np.clip(vector[base + slots] + more, low, high)
+            vector[k] = declared[k]
     return vector
 
 
@@ -201,7 +207,7 @@ def fitted(bench: Bench, refit: Refit) -> State:
     try:
         with np.errstate(all="ignore"):
             if refit.followed and winding(refit.effects):
-                minimum = follow(problem, _as_declared(bench, refit), _that_wind(problem))
+                minimum = follow(problem, _as_declared(bench, refit), _that_wind(problem), refit.roughly)
             else:
                 minimum = minimise(problem, _as_declared(bench, refit), refit.doubts, refit.outer, refit.roughly)
             problem = replace(problem, slid=minimum.slid)
@@ -310,9 +316,9 @@ def instead(state: State, old: Effect, other: State) -> Refit:
     return Refit(np.concatenate([state.minimum.vector[: state.problem.base], *values]), effects, scales, limits)
 
 
-def _slots(state: State) -> list[NDArray[np.int64]]:
+def _slots(state: State | Refit) -> list[NDArray[np.int64]]:
     """Where the values of each effect lie among those of all."""
-    return np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects])[:-1])
+    return np.split(np.arange(len(state.scales)), np.cumsum([len(e.values) for e in state.effects], dtype=int))[:-1]
 
 
 def same(a: Effect, b: Effect) -> bool:

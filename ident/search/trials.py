@@ -24,7 +24,7 @@ from ident.search.choice import (
     left_by,
     rings_ahead,
 )
-from ident.search.contact import as_it_creeps, balanced, besides
+from ident.search.contact import as_it_creeps, balanced, besides, rubbing
 from ident.search.curves import curves, resonances, responses
 from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
 from ident.search.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, wound_up
@@ -32,6 +32,7 @@ from ident.search.refits import (
     CLOSE,
     FINELY,
     FULLY,
+    HASTILY,
     NAMED,
     Bench,
     State,
@@ -117,7 +118,7 @@ def hasty(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> It
         if _explaining(bench, names) is None:
             much = bool(named) and left_by(named[0]) < MUCH * state.select
             if much or (not state.effects and law_leads(bench, names)):
-                yield _drawn(bench, state, lin)
+                yield _drawn(bench, state, lin, names)
             else:
                 tried = _from_fitted(bench, state, lin)
                 yield _and_curves(bench, state, lin, tried)
@@ -184,16 +185,17 @@ def _and_curves(bench: Bench, state: State, lin: Linearised, names: list[Tried])
         tried += _besides(bench, state, lin)
     rubs = any(effect.dry for effect in state.effects)
     if not (bench.late or any(explains(bench, new) if rubs else reduced_chi2(bench, new) <= NAMED for _, new in tried)):
-        tried += _drawn(bench, state, lin)
+        tried += _drawn(bench, state, lin, tried)
     return tried
 
 
 def _besides(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
-    """Laws beside the dry friction of a model, curves if no name is it, fitted until both settle."""
+    """Laws beside the dry friction of a model, curves if no name is it, fitted until both settle; where much is left, hastily."""
     tried: list[Tried] = []
+    roughly = HASTILY if reduced_chi2(bench, state) > BENT else FINELY
     for likely in besides(lin, state.effects):
         if not bench.late and all(left_by(one) > HALF * state.select for one in tried):
-            refits = [replace(with_candidate(state, c, lin), outer=FULLY, roughly=FINELY) for c in likely]
+            refits = [replace(with_candidate(state, c, lin), outer=FULLY, roughly=roughly) for c in likely]
             tried += map(Tried, likely, all_fitted(bench, refits))
     for _, new in tried:
         bench.say(f"  beside what rubs, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
@@ -209,16 +211,17 @@ def _nearest_finely(bench: Bench, tried: list[Tried]) -> list[Tried]:
     return [one.refitted(state) if one is best else one for one in tried]
 
 
-def _drawn(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
-    """The likeliest mass that rings at a motor beyond a model, hastily refitted; if that leaves anything, the likeliest learned curves;
-    frequency responses that promise more than any law, from the declared arm, too, if the fit is very far off."""
+def _drawn(bench: Bench, state: State, lin: Linearised, names: Sequence[Tried]) -> list[Tried]:
+    """The likeliest mass that rings at a motor beyond a model, hastily refitted; if that leaves anything, the likeliest learned curves,
+    and those of what rubs where the `names` do; frequency responses that promise more than any law, from the declared arm, too, if the
+    fit is very far off."""
     least = LEAST_SHARE * beyond_noise(state, lin)
     rung = _rung(bench, state, lin, least)
     if any(left_by(one) < ENOUGH * state.select or reduced_chi2(bench, one.state) <= NAMED for one in rung):
         return rung
     laws = curves(lin, bench.workers)[:CURVES]
     ahead = responses(lin, max([least, *(c.gain for c in laws)]), bench.workers)[:CURVES]
-    drawn = [(c, lin) for c in [*laws, *ahead] if c.gain > least]
+    drawn = [(c, lin) for c in [*laws, *ahead] if c.gain > least] + rubbing(bench, lin, names)
     if ahead and reduced_chi2(bench, state) > BENT:
         declared = linearised(state.problem, as_declared(bench, state))
         drawn += [(c, declared) for c in responses(declared, 0.0, bench.workers)[:CURVES]]

@@ -25,7 +25,7 @@ from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.learned import learned
 from ident.effects.ringing import Ringing
 from ident.effects.spring import Backlash
-from ident.loop.diagnose import Begun, Diagnosis, _better, _loop, _resumed, begin, diagnose
+from ident.loop.diagnose import Begun, Diagnosis, _better, _loop, _of_another_size, _resumed, begin, diagnose
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import estimate
 from ident.search.added import Added, renamed
@@ -220,6 +220,27 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
     added = [SimpleNamespace(partly=())] * (2 if does else 1)
     assert _loop(bench, start) == (straight, added)
     assert asked == ([start, bent] if does else [start])
+
+
+@pytest.mark.parametrize(("left", "sized"), [(1.2, 1), (1.0, 0)])
+def test_what_winds_a_spring_up_and_was_found_while_another_was_missing_is_tried_at_other_sizes(
+    left: float, sized: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cubic spring that was 12 % off left 1.17 noise powers: little enough for any other effect."""
+    effects = (CATALOGUE["spring-hardening"](1, (1e7,)), CATALOGUE["link-viscous"](2, (0.1,)))
+    found, better = (SimpleNamespace(left=x, effects=effects) for x in (left, 0.9))
+    asked: list[Effect] = []
+
+    def elsewhere(bench: Bench, state: State, effect: Effect) -> State:
+        asked.append(effect)
+        return better
+
+    _instead(monkeypatch, {
+        "reduced_chi2": lambda bench, state: state.left, "explains": lambda *of: True, "elsewhere": elsewhere,
+        "renewed": lambda state, new, added: added,
+    })  # fmt: skip
+    assert _of_another_size(SimpleNamespace(late=False), found, []) == ((better, []) if sized else (found, []))
+    assert asked == list(effects[:sized])
 
 
 @pytest.mark.parametrize(("left", "asked"), [(1.03, True), (0.93, False)])

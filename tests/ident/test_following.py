@@ -70,7 +70,7 @@ def test_a_descent_that_motions_follow_ends_where_one_that_holds_them_does_not(t
     start = true.copy()
     start[p.base :] *= times
     near = minimise(p, start, outer=8, roughly=1e-4).vector
-    found = follow(p, near, np.flatnonzero(p.free).tolist())
+    found = follow(p, near, np.flatnonzero(p.free).tolist(), 1e-4)
     assert left(p, near) > 3.0
     assert found.converged
     assert left(p, found.vector) < 0.95 < left(p, minimise(p, near, outer=8, roughly=1e-4).vector)

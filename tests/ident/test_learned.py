@@ -20,7 +20,7 @@ from ident.arm.coupled import declared_start
 from ident.arm.evidence import gravity_basis
 from ident.effects.base import Effect, Law, Parameter
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.learned import LearnedLaw, at_knots, bent, learned
+from ident.effects.learned import LearnedLaw, as_damping, at_knots, bent, learned
 from ident.effects.motion import State
 from ident.search.added import drawn_over, outdone, pruned
 from ident.search.alike import names_alike
@@ -142,6 +142,19 @@ def test_friction_by_position_is_against_the_motion_and_gives_nothing_back() -> 
     assert isinstance(law, Law)
     np.testing.assert_allclose(law.law(state(0.5, np.array([5.0, -5.0]))), [-3.0, 3.0])
     assert [p.low for p in kind.parameters] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("port", "variable"),
+    [("spring", "velocity"), ("spring", "damping")]
+    + [("motor", variable) for variable in ("velocity", "damping", "sliding", "laden", "driving")],
+)
+def test_a_curve_may_be_a_damping(port: str, variable: str) -> None:
+    kind = learned(port, variable, [-9.0, -1.0, 2.0, 9.0])
+    law = kind(0, tuple(as_damping(kind(0, (0.0,) * 4)).tolist()))
+    moving = State(0.5, 3.0, 0.2, 0.5, 7.0, 1e-3, 3.0, -40.0, 100.0, 5000.0)
+    assert isinstance(law, Law)
+    assert float(law.law(moving)) == pytest.approx(3.0 if port == "spring" else -3.0)  # that of a spring is on the link
 
 
 def test_a_curve_that_is_a_factor() -> None:

@@ -15,8 +15,20 @@ from ident.arm.descent import Minimum
 from ident.arm.evidence import evidence, gravity_basis
 from ident.arm.parts import Split
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.learned import learned
 from ident.records.frf import estimate
-from ident.search.refits import CLOSE, FEW_RECORDS, Bench, Refit, _by_all_lines, _few, fitted, reduced_chi2, standing
+from ident.search.refits import (
+    CLOSE,
+    FEW_RECORDS,
+    Bench,
+    Refit,
+    _as_declared,
+    _by_all_lines,
+    _few,
+    fitted,
+    reduced_chi2,
+    standing,
+)
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
@@ -66,3 +78,16 @@ def test_a_model_without_an_effect_leaves_what_that_explained() -> None:
     state = fitted(bench(), Refit(vector, (SCALED,), (0.1,), limits, 1))
     plain, _ = standing(bench(), state, [])
     assert not plain.effects and reduced_chi2(bench(), state) < CLOSE < reduced_chi2(bench(), plain)
+
+
+def test_a_curve_begins_with_what_its_damping_was_more_than_declared() -> None:
+    """A damping that a missing law has bent is no damping: what was lost with it left 766 noise powers where 22 had been."""
+    n, guess = 3, bench().guess.vector()
+    curve = learned("spring", "damping", [0.0, 1.0])(1, (0.5, -0.25))
+    place, bent = 3 * n + 1, guess + np.log(4.0) * (np.arange(len(guess)) == 3 * n + 1)
+    vector = np.concatenate([bent, SCALED.values, curve.values])
+    refit = Refit(vector, (SCALED, curve), (1.0,) * 3, ((-9.0, 9.0),) * 3)
+    begun = _as_declared(bench(), refit)
+    more = 3.0 * np.exp(guess[place])
+    np.testing.assert_allclose(begun, np.concatenate([guess, SCALED.values, [0.5 + more, -0.25 + more]]))
+    np.testing.assert_allclose(_as_declared(bench(), replace(refit, vector=begun)), begun)

@@ -50,7 +50,7 @@ def begun_with_disc() -> Begun:
 def with_it() -> State:
     one = begun_with_disc()
     lin = linearised(one.start.problem, one.start.minimum.vector)
-    return min((state for _, state in _drawn(one.bench, one.start, lin)), key=lambda state: state.select)
+    return min((state for _, state in _drawn(one.bench, one.start, lin, [])), key=lambda state: state.select)
 
 
 def test_a_motor_feels_what_a_link_feels_of_the_same_mass() -> None:

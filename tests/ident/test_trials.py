@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import ident.search.choice
+import ident.search.contact
 import ident.search.finer
 import ident.search.minima
 import ident.search.naming
@@ -20,15 +21,17 @@ from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.creeping import creeping
 from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
-from ident.effects.learned import learned
+from ident.effects.learned import Learned, learned
 from ident.effects.ringing import Ringing
 from ident.effects.spring import SpringHardening, TransmissionError
 from ident.effects.structure import AttachedResonator, LinkFlexibility
 from ident.search.candidates import Candidate
 from ident.search.choice import Tried, drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
+from ident.search.contact import rubbing
 from ident.search.finer import curve_finely, finely, leader_finely
 from ident.search.naming import of_any_order, plainer
 from ident.search.refits import FINELY, HASTILY
+from ident.search.trace import Linearised
 from ident.search.trials import _finalists, _ringing, ahead, outshines, polished
 from ident.search.tried import by_few_lines, refitted
 
@@ -345,3 +348,29 @@ def test_a_law_far_ahead_that_leaves_little_is_not_measured_by_curves(left: floa
     impedance = one(AttachedResonator(1, (1e-3, 20.0, 1e-4)), left)
     assert outshines(bench, impedance, [impedance, one(HARD, 800.0)])
     assert not outshines(bench, impedance, [impedance, one(HARD, 100.0)]), "no curve does what it does"
+
+
+@pytest.mark.parametrize(
+    ("effect", "left", "names"),
+    [
+        (MotorStribeck(1, (0.01, 0.03, 5.0)), 600.0, ["friction", "sliding", "loaded", "driven"]),
+        (DRY, 600.0, ["friction", "sliding", "loaded"]),
+        (DRY, 2.0, []),  # little is left
+        (WAVE, 600.0, []),
+    ],
+)
+def test_what_friction_may_follow_is_tried_where_a_name_of_it_leaves_much(
+    effect: Effect, left: float, names: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def drawn(lin: Any, port: str, joint: int, name: str) -> Candidate:
+        return Candidate(learned(port, name, [-1.0, 0.0, 1.0])(joint, (0.0,) * 3), 5.0, (1.0,) * 3)
+
+    monkeypatch.setattr(ident.search.contact, "curve_of", drawn)
+    monkeypatch.setattr(ident.search.contact, "reduced_chi2", lambda bench, state: state.select / DOF)
+    found = np.arange(4.0)
+    state: Any = SimpleNamespace(effects=(effect,), select=left * DOF, minimum=SimpleNamespace(vector=found))
+    tried = [Tried(Candidate(effect, 9.0, (1.0,)), state)]
+    likely = rubbing(BENCH, Linearised(SimpleNamespace(), np.zeros(3), (), (), (), ()), tried)
+    level = max(effect.values[:2])
+    assert [c.effect.variable for c, _ in likely if isinstance(c.effect, Learned)] == names
+    assert all(c.effect.values == (level,) * 3 and np.array_equal(lin.vector, found[:3]) for c, lin in likely)
