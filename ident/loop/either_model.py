@@ -51,7 +51,7 @@ def diagnose_either(
     """
     until = time.monotonic() + seconds
     found, notes = _diagnosed(campaign, believe_zeros, workers, say, until)
-    if found.status == "unexplained" and time.monotonic() > until:
+    if time.monotonic() > until and (found.status == "unexplained" or found.left > NAMED):
         notes += (f"The search was ended after {seconds:.0f} s: a longer one may find more (--minutes).",)
     return found, notes
 

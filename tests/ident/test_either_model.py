@@ -237,19 +237,22 @@ def test_what_general_links_explain_far_better_and_no_name_is_theirs(
     assert asked == [gives_way]
 
 
-def test_a_search_that_was_ended_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("status", "left", "says"), [("unexplained", 5.0, 1), ("effect-found", 1.2, 1), ("effect-found", 0.9, 0)]
+)
+def test_a_search_that_was_ended_says_so(status: str, left: float, says: int, monkeypatch: pytest.MonkeyPatch) -> None:
     ends: list[float] = []
 
     def begun(
         campaign: Campaign, model: Model, responses: object, workers: int, until: float, say: object
     ) -> SimpleNamespace:
         ends.append(until)
-        found = Left(model, 5.0, 1)
-        found.status = "unexplained"
+        found = Left(model, left, 1)
+        found.status = status
         bench = SimpleNamespace(late=True)
         return SimpleNamespace(departs=True, alone=9.0, diagnosed=lambda *_: found, beside=None, bench=bench)
 
     monkeypatch.setattr(ident.loop.either_model, "begin", begun)
     _, notes = diagnose_either(campaign(0.0, 1), seconds=0.0)
-    assert "ended after 0 s" in notes[-1] and len(set(ends)) == 1
+    assert sum("ended after 0 s" in note for note in notes) == says and len(set(ends)) == 1
     assert not any("ended" in note for note in diagnose_either(campaign(0.0, 1), True)[1])
