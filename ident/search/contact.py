@@ -73,17 +73,16 @@ def rubbing(bench: Bench, lin: Linearised, tried: Sequence[Tried]) -> list[tuple
     if best is None or is_curve(best) or reduced_chi2(bench, best.state) <= BY_ALL:
         return []
     law = best.state.effects[-1]
-    if not law.dry or law.joint is None:
+    level = max(
+        (abs(v) for p, v in zip(law.parameters, law.values, strict=True) if p.relative == "torque"), default=0.0
+    )
+    if not law.dry or law.joint is None or not level:
         return []
-    levels = [abs(v) for p, v in zip(law.parameters, law.values, strict=True) if p.relative == "torque"]
     there = replace(lin, vector=best.state.minimum.vector[: len(lin.vector)])
-    found = []
-    for name in (name for name in VARIABLES[law.port] if KINDS[name].dry):
-        curve = curve_of(lin, law.port, law.joint, name)
-        if curve is not None and levels:
-            even = curve.effect.with_values([max(levels)] * len(curve.scales))
-            found.append((replace(curve, effect=even, scales=(max(levels),) * len(curve.scales)), there))
-    return found
+    names = [name for name in VARIABLES.get(law.port, ()) if KINDS[name].dry]
+    curves = [c for name in names if (c := curve_of(lin, law.port, law.joint, name)) is not None]
+    size = [(level,) * len(c.scales) for c in curves]
+    return [(replace(c, effect=c.effect.with_values(s), scales=s), there) for c, s in zip(curves, size, strict=True)]
 
 
 def _likewise(one: State, other: State) -> list[Refit]:
