@@ -82,7 +82,7 @@ class Bench:
         held = [p.whole or p.declared or _drawn_again(e, effects) for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(held, dtype=bool)
-        free[[k for _, k in _drawn_besides(effects, problem.n)]] = False
+        free[[k for e in effects if (k := _drawn_besides(e, problem.n)) is not None]] = False
         weights = [1.0 if p.aside else UNSEEN_HEIGHT * isinstance(e, Learned) for e in effects for p in e.parameters]
         weight = np.concatenate([np.full(problem.base, self.firm), weights])
         centre = np.concatenate([self.guess.vector(), np.zeros(len(weights))])
@@ -139,10 +139,11 @@ def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
     return any((curve.port, curve.joint) == (effect.port, effect.joint) for curve in curves)
 
 
-def _drawn_besides(effects: Sequence[Effect], n: int) -> list[tuple[Learned, int]]:
-    """The learned curves of which the slopes are a stiffness or a damping of the arm, too, and its place."""
-    curves = [e for e in effects if isinstance(e, Learned) and (e.port, e.variable) in SLOPES]
-    return [(e, SLOPES[e.port, e.variable] * n + e.joint) for e in curves if e.joint is not None]
+def _drawn_besides(effect: Effect, n: int) -> int | None:
+    """The place of the stiffness or damping of the arm that is the slope of a learned curve, too; None where it has none."""
+    if not isinstance(effect, Learned) or effect.joint is None or (effect.port, effect.variable) not in SLOPES:
+        return None
+    return SLOPES[effect.port, effect.variable] * n + effect.joint
 
 
 def _as_declared(bench: Bench, refit: Refit) -> Array:
@@ -151,8 +152,9 @@ def _as_declared(bench: Bench, refit: Refit) -> Array:
     declared, vector = bench.guess.vector(), refit.vector.copy()
     n, base = len(bench.guess.K), len(vector) - len(refit.scales)
     for effect, slots in zip(refit.effects, _slots(refit), strict=True):
-        for curve, k in (one for one in _drawn_besides([effect], n) if one[1] >= 2 * n):
-            more = (np.exp(vector[k]) - np.exp(declared[k])) * as_damping(curve)
+        k = _drawn_besides(effect, n)
+        if isinstance(effect, Learned) and k is not None and k >= 2 * n:
+            more = (np.exp(vector[k]) - np.exp(declared[k])) * as_damping(effect)
             low, high = np.transpose([refit.limits[i] for i in slots])
             vector[base + slots] = np.clip(vector[base + slots] + more, low, high)
             vector[k] = declared[k]
