@@ -21,7 +21,7 @@ from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.records.campaign import Campaign
 from ident.records.frf import Frf, estimate
-from ident.search.added import Added, exchanged, pruned, renamed, renewed, was_named
+from ident.search.added import Added, exchanged, largest_first, pruned, renamed, renewed, was_named
 from ident.search.apart import apart
 from ident.search.changes import told_of
 from ident.search.choice import Tried
@@ -202,16 +202,16 @@ class Begun:
         state, off = merged(state, contradictions)
         state = settled(bench, state)
         start = state if found is start else _better(start, added)
-        final = _as_found(state, added, contradictions)
+        final = largest_first(bench, state, _as_found(state, added, contradictions))
         told = told_of(bench.split, state, bench.split.report)
         before = errors(bench, _first(start, final, off), told)
         after = errors(bench, state, told)
         if final:
-            final = (*final[:-1], replace(final[-1], after=after.all))
+            final[-1] = replace(final[-1], after=after.all)
         status = status_of(bool(left), bool(final), bool(off), before.all, after.all)
         campaign, model = bench.campaign, bench.model
         return Diagnosis(
-            campaign, model, self.responses, bench.split, start, state, final, off, before, after, left, status
+            campaign, model, self.responses, bench.split, start, state, tuple(final), off, before, after, left, status
         )
 
 

@@ -19,6 +19,7 @@ from ident.effects.base import Effect, only_shares
 from ident.effects.carried import of_declared_links
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import Unnamed
+from ident.effects.response import Response
 from ident.identification.links import nearest_links
 from ident.joint.solve import inertia_std
 from ident.loop.confounded import AGAIN, NEVER, Separation, never_told_apart, separation
@@ -257,7 +258,7 @@ def _added(d: Diagnosis, added: Added) -> dict[str, Any]:
             ],
         },
         "rivals": [{"name": name, "joint": _joint(c, joint), "after": error} for name, joint, error in rivals],
-        "confounded_with": _confounded(d, e.name, e.joint, tied) + _of_place(d, e),
+        "confounded_with": _confounded(d, e.name, e.joint, tied) + _of_place(d, e) + _of_response(d, e),
     }
     if isinstance(e, Unnamed):
         entry["curve"] = e.curve(d.model.chain.slides(e.joint))
@@ -327,6 +328,15 @@ def _of_place(d: Diagnosis, effect: Effect) -> list[dict[str, Any]]:
     if not only_shares(effect) or any(again):
         return []
     return [{"name": "unknown", "joint": joint, "separate_by": AGAIN.separate_by, "recipe": AGAIN.recipe}]
+
+
+def _of_response(d: Diagnosis, effect: Effect) -> list[dict[str, Any]]:
+    """A frequency response, "unknown", of a joint that moves no other one: of its torque it is what it is of its angle."""
+    if not isinstance(effect, Response) or effect.joint is None or not _moves_no_other(d.model, effect.joint):
+        return []
+    other = "torque" if effect.port == "sensor" else "measured angle"
+    by = f"as well the response of the {other}: {NEVER.separate_by}"
+    return [{"name": "unknown", "joint": _joint(d.campaign, effect.joint), "separate_by": by, "recipe": NEVER.recipe}]
 
 
 def _moves_no_other(model: Model, joint: int) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,8 +12,10 @@ from ident.arm.parts import degrees
 from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned, LearnedLaw, at_knots, learned
 from ident.search.candidates import catalogue
+from ident.search.changes import told_of
 from ident.search.choice import ALIKE, LEAST_SHARE, chosen, left_by
 from ident.search.curves import curves
+from ident.search.departures import errors
 from ident.search.minima import LEAST_GAIN, fully, told
 from ident.search.refits import (
     CLOSE,
@@ -30,6 +33,7 @@ from ident.search.refits import (
     some,
     without,
 )
+from ident.search.trace import port_shares
 from ident.search.trials import CURVES, polished, promising
 from ident.search.tried import refitted
 
@@ -38,6 +42,8 @@ from ident.search.tried import refitted
 OUTDONE = 0.5
 #: Times what a model leaves that another may leave, hastily fitted, which may do better.
 HASTILY_MORE = 3.0
+#: Times the excess that a name leaves of which another leaves hardly more.
+HARDLY_MORE = 2.0
 #: Names tried in the place of a learned curve.
 NAMES = 6
 
@@ -224,3 +230,38 @@ def renamed(bench: Bench, state: State, curve: Effect, added: list[Added]) -> tu
     new = fully(bench, best.state)
     entries = [replace(a, effect=new.effects[-1]) if same(a.effect, curve) else a for a in added]
     return (new, entries) if new.select <= limit else (state, added)
+
+
+def largest_first(bench: Bench, state: State, added: Sequence[Added]) -> list[Added]:
+    """The entries; of two names one of which alone leaves hardly more than the other, that comes first with which less is left of the
+    error that is reported: noise powers tell of many sharp lines what a person hardly sees."""
+    entries = list(added)
+    dof, report = degrees(bench.split.select), told_of(bench.split, state, bench.split.report)
+    for k, (first, second) in enumerate(pairwise(added)):
+        if entries[k] is not first or isinstance(first.effect, Learned) or isinstance(second.effect, Learned):
+            continue
+        names = [*(one.effect for one in entries[:k]), second.effect]
+        refit = some(state, [at for at, e in enumerate(state.effects) if any(same(e, name) for name in names)])
+        alone = fitted(bench, replace(refit, roughly=HASTILY))
+        if alone.select - dof > HARDLY_MORE * max(first.excess - first.gain, 1.0):
+            continue
+        alone = fitted(bench, Refit.of(alone))
+        error = errors(bench, alone, report).all
+        if error >= first.after:
+            continue
+        bench.say(
+            f"  {told(second.effect)} before {told(first.effect)}: {100 * error:.3g} % instead of {100 * first.after:.3g}"
+        )
+        left = alone.select - dof
+        shares = port_shares(linearised(alone.problem, alone.minimum.vector))
+        entries[k : k + 2] = [
+            replace(
+                first, effect=second.effect, std=second.std, after=error, gain=first.excess - left, tied=second.tied,
+                rivals=((first.effect, first.after), *(one for one in first.rivals if not same(one[0], second.effect))),
+            ),
+            replace(
+                second, effect=first.effect, std=first.std, before=error, gain=left - second.excess + second.gain,
+                excess=max(left, 1.0), tied=first.tied, rivals=(), port_shares=shares, besides=alone,
+            ),
+        ]  # fmt: skip
+    return entries

@@ -107,18 +107,34 @@ def _responding(
     """The response with so many knots that fits best at each of the places (port, joint) that lines tell of, with its place."""
     kinds = []
     for port, joint in places:
-        f = [one.sampling.f[one.use] for one in lin.problem.data if joint in one.scene.arm.live]
-        if f:
-            low, high = max(np.concatenate(f).min(), 1e-6), np.concatenate(f).max()
-            kinds.append((response(port, np.geomspace(low, high, count).tolist()), joint))
+        if len(knots := knots_of_frequency(lin, joint, count)) > 1:
+            kinds.append((response(port, knots.tolist()), joint))
     found = []
     for (kind, joint), (gains, fall) in zip(kinds, forked(lambda one: _gains(lin, *one), kinds, workers), strict=True):
         effect = kind.of_gains(joint, gains)
-        sizes, delays = np.split(np.abs(effect.values), [count - 1])
-        scales = (max(float(sizes.max()), 1e-3), max(float(delays[count // 2 :].max()), 1e-6))
-        candidate = Candidate(effect, fall, tuple(np.repeat(scales, [count - 1, count]).tolist()))
-        found.append(((kind.port, joint), candidate))
+        found.append(((kind.port, joint), Candidate(effect, fall, scales_of_response(effect))))
     return found
+
+
+def knots_of_frequency(lin: Linearised, joint: int, count: int) -> Array:
+    """So many knots [K, Hz], or fewer, spread evenly over the logarithm of what excites the joint, each at a line that does: between
+    these nothing tells of it. None where no record has it."""
+    live = [one for one in lin.problem.data if joint in one.scene.arm.live]
+    own = [one for one in live if one.excited == joint] or live
+    if not own:
+        return np.zeros(0)
+    lines = np.unique(np.concatenate([one.sampling.f[one.use & one.is_excited] for one in own]))
+    lines = lines[lines > 0.0]
+    even = np.geomspace(lines[0], lines[-1], count) if len(lines) else lines
+    return np.unique(lines[np.argmin(np.abs(np.subtract.outer(lines, even)), axis=0)])
+
+
+def scales_of_response(effect: Response) -> tuple[float, ...]:
+    """The scales of its values: of the logarithms of its gains, and of its delays."""
+    count = len(effect.knots)
+    sizes, delays = np.split(np.abs(effect.values), [count - 1])
+    scales = max(float(sizes.max()), 1e-3), max(float(delays[count // 2 :].max()), 1e-6)
+    return tuple(np.repeat(scales, [count - 1, count]).tolist())
 
 
 def _gains(lin: Linearised, kind: type[Response], joint: int) -> tuple[Complex, float]:

@@ -30,7 +30,7 @@ from ident.search.choice import (
 )
 from ident.search.contradicted import is_shapeless
 from ident.search.departures import errors
-from ident.search.gains import named_gains
+from ident.search.gains import named_gains, resolved
 from ident.search.minima import LEAST_GAIN, fully, told
 from ident.search.naming import of_any_order, plainer
 from ident.search.one_more import leading_to_one_more
@@ -103,6 +103,7 @@ def another(
                 return two
             further = hasty(bench, state, lin, likely)
     best, tried = _best(bench, state, lin, tried, further, little, bends)
+    best = best and best.refitted(resolved(bench, best.state))
     one = _entered(bench, state, best, tried, lin)
     names = None if best is None else named_gains(bench, best.state)
     if names is not None and earned(bench, state, names):

@@ -74,7 +74,9 @@ def main() -> int:
     counts = {kind: COUNTS.get(kind, FAINT) if options.count is None else options.count for kind in kinds}
     wanted = [case for kind in kinds for case in _wanted(kind, counts[kind], options)]
     jobs = [Job(case, records, results, options.keep) for case in wanted if not (results / f"{case.id}.json").exists()]
-    jobs.sort(key=lambda job: job.case.index / counts[job.case.kind])  # by turns: what is stopped has some of every kind
+    jobs.sort(
+        key=lambda job: job.case.index / counts[job.case.kind]
+    )  # by turns: what is stopped has some of every kind
     for done, line in enumerate(in_parallel(result, jobs, options.workers), 1):
         print(f"{done}/{len(jobs)} {line}", flush=True)
     found = list(_found(results, wanted))

@@ -19,7 +19,7 @@ from ident.effects.learned import learned
 from ident.effects.motor import InputDelay, TorqueLag
 from ident.effects.structure import LinkFlexibility
 from ident.loop.diagnose import _better
-from ident.search.added import Added, drawn_over, exchanged, outdone, pruned
+from ident.search.added import Added, drawn_over, exchanged, largest_first, outdone, pruned
 from ident.search.choice import Tried
 from ident.search.refits import Refit, instead
 
@@ -91,6 +91,37 @@ def test_beside_a_curve_a_name_is_exchanged_only_for_one_that_leaves_hardly_anyt
     added = [entry(DELAY, state(900.0, LAG)), entry(curve)]
     best, _ = exchanged(BENCH, state(750.0, DELAY, curve), added)
     assert best.effects == ((LAG, curve) if taken else (DELAY, curve))
+
+
+@pytest.mark.parametrize(
+    ("alone", "error", "swapped"),
+    [
+        (1.9, 0.07, True),
+        (1.9, 0.2, False),  # nor is less of the error left
+        (90.0, 0.07, False),  # it leaves much that the first one explains
+    ],
+)
+def test_of_two_names_that_leave_hardly_more_than_each_other_the_one_is_first_that_cuts_the_error_more(
+    alone: float, error: float, swapped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ident.search.added, "degrees", lambda data: DOF)
+    monkeypatch.setattr(ident.search.added, "fitted", lambda bench, refit: state(alone, *refit.effects))
+    monkeypatch.setattr(ident.search.added, "errors", lambda bench, one, report: SimpleNamespace(all=error))
+    monkeypatch.setattr(ident.search.added, "told_of", lambda parts, one, data: ())
+    monkeypatch.setattr(ident.search.added, "linearised", lambda problem, vector: None)
+    monkeypatch.setattr(ident.search.added, "port_shares", lambda lin: (("link", 2, 0.5),))
+    bench = SimpleNamespace(**vars(BENCH) | {"split": SimpleNamespace(select=(), report=())})
+    first = Added(DELAY, (1e-5,), 0.2, 0.1, 99e3, 100e3, ((LAG, 0.11), (DRY, 0.12)), (LAG,), (("motor", 2, 0.9),))
+    second = Added(DRY, (0.01,), 0.1, 0.01, 995.0, 1e3, (), (), ())
+    entries = largest_first(bench, state(1.0, DELAY, DRY), [first, second])
+    if not swapped:
+        assert entries == [first, second]
+        return
+    dry, delay = entries
+    assert (dry.effect, dry.before, dry.after, dry.port_shares) == (DRY, 0.2, error, first.port_shares)
+    assert (delay.effect, delay.before, delay.after, delay.tied) == (DELAY, error, 0.01, (LAG,))
+    assert dry.rivals == ((DELAY, 0.1), (LAG, 0.11)) and delay.rivals == ()
+    assert (dry.gain, delay.gain, dry.gain + delay.gain) == (99.1e3, 895.0, first.gain + second.gain)
 
 
 @pytest.mark.parametrize(

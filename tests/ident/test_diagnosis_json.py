@@ -14,8 +14,9 @@ from ident.arm.coupled import uncertainty
 from ident.arm.parts import degrees, lines_of
 from ident.effects.learned import learned
 from ident.effects.motor import TorqueRipple
+from ident.effects.response import response
 from ident.errors import IdentError
-from ident.loop.diagnosis_json import _confounded, result_document, verdict_document, write
+from ident.loop.diagnosis_json import _confounded, _of_response, result_document, verdict_document, write
 from ident.search.contradicted import Off
 from ident.search.deviations import Deviation
 
@@ -211,3 +212,13 @@ def test_a_document_is_written_whole_or_not_at_all(tmp_path):
 def test_what_is_of_the_whole_arm_is_at_every_joint():
     (other,) = _confounded(diagnosis(), "payload", None, [("inertial-parameters", 2)])
     assert (other["joint"], other["recipe"]) == ("joint3", "mass") and "payload" in other["separate_by"]
+
+
+@pytest.mark.parametrize(("joint", "told"), [(0, True), (1, False)])
+def test_a_response_of_a_joint_that_moves_no_other_one_may_be_of_its_torque_or_of_its_angle(joint, told):
+    effect = response("motor", [1.0, 3.0, 10.0])(joint, (0.0, 0.0, 1e-3, 1e-3, 1e-3))
+    found = _of_response(diagnosis(), effect)
+    assert [(one["name"], one["joint"], one["recipe"]) for one in found] == [
+        ("unknown", "joint1", "link-sensor")
+    ] * told
+    assert not told or "measured angle" in found[0]["separate_by"]

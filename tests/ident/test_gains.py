@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import diagnosed
 import numpy as np
@@ -18,12 +20,12 @@ from ident.identification.campaign_model import model_of_campaign
 from ident.loop.diagnose import Begun, begin
 from ident.records.frf import estimate
 from ident.search.apart import apart
-from ident.search.candidates import best_of
+from ident.search.candidates import Candidate, best_of
 from ident.search.curves import responses
-from ident.search.gains import named_gains
+from ident.search.gains import _with_more_knots, named_gains, resolved
 from ident.search.minima import told
-from ident.search.refits import Refit, State, fitted, linearised, reduced_chi2
-from ident.search.tried import refitted
+from ident.search.refits import Refit, State, fitted, linearised, reduced_chi2, standing
+from ident.search.tried import refitted, with_candidate
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
@@ -68,6 +70,22 @@ def test_a_curve_of_frequency_is_told_in_gains_and_delays() -> None:
     assert curve["at"] == [3.0, 10.0, 30.0, *KNOTS]
 
 
+def test_more_knots_are_lines_that_excite_the_joint_and_draw_the_same_response() -> None:
+    lines, arm = np.arange(1.0, 31.0), SimpleNamespace(arm=SimpleNamespace(live=np.arange(2)))
+    own, other = (
+        SimpleNamespace(sampling=SimpleNamespace(f=f), use=f > 0, is_excited=f > 0, excited=joint, scene=arm)
+        for f, joint in ((lines, JOINT), (lines + 0.5, 0))
+    )
+    lin: Any = SimpleNamespace(problem=SimpleNamespace(data=(own, other)))
+    curve = response("motor", KNOTS)(JOINT, (0.1, -0.2, 0.3, 1e-3, 2e-3, 1e-3, 0.0))
+    more = _with_more_knots(lin, curve, "sensor")
+    assert isinstance(more.effect, Response) and (more.effect.port, more.effect.joint) == ("sensor", JOINT)
+    assert len(curve.knots) < len(more.effect.knots) and set(more.effect.knots) <= set(lines)
+    assert len(more.scales) == len(more.effect.values) == 2 * len(more.effect.knots) - 1
+    s = 2j * np.pi * np.array(more.effect.knots)
+    np.testing.assert_allclose(more.effect.response(s), curve.response(s), rtol=1e-12)
+
+
 @cache
 def begun(*effects: Effect) -> Begun:
     """Short records of an arm with these effects."""
@@ -98,6 +116,24 @@ def test_a_current_loop_of_second_order_is_drawn_to_the_noise() -> None:
     assert isinstance(found, Response) and told(found) == "unknown at joint 2: frequency at the motor"
     s = 2j * np.pi * np.geomspace(5.0, found.knots[-1], 50)
     np.testing.assert_allclose(found.response(s), 1.0 / (1.0 + 1e-3 * s) ** 2, atol=0.01)
+
+
+@pytest.mark.bench
+def test_a_response_has_as_many_knots_as_it_needs_at_the_torque_where_none_tells_it_from_the_angle() -> None:
+    """The first joint of this arm moves no other one."""
+    loop = LOOP(0, (1.5e-3,))
+    state, bench = drawn(loop), begun(loop).bench
+    enough = state.effects[-1]
+    assert isinstance(enough, Response) and resolved(bench, state) is state and reduced_chi2(bench, state) < 1.1
+    few = response("sensor", np.geomspace(enough.knots[0], enough.knots[-1], 4).tolist())
+    curve = few.of_gains(0, enough.response(2j * np.pi * np.array(few.knots)))
+    plain, lin = standing(bench, state, [])
+    coarse = fitted(
+        bench, Refit.of(fitted(bench, with_candidate(plain, Candidate(curve, 0.0, (0.1,) * 3 + (1e-3,) * 4), lin)))
+    )
+    finer = resolved(bench, coarse)
+    assert reduced_chi2(bench, finer) < 1.1 < reduced_chi2(bench, coarse)
+    assert told(finer.effects[-1]) == "unknown at joint 1: frequency at the motor"
 
 
 @pytest.mark.bench

@@ -66,11 +66,11 @@ def test_the_campaign_fits_and_the_second_encoder_agrees(found: Imported, tmp_pa
 
 @pytest.mark.bench
 def test_what_the_bench_lacks_is_named(found: Imported) -> None:
-    """A delay of about 0.1 ms, then the load's own damping; reported on parts of the other record, which neither fitted nor chose."""
+    """The load's own damping, then a delay of about 0.1 ms; reported on parts of the other record, which neither fitted nor chose."""
     model = model_of_urdf(found.campaign.urdf, found.campaign.joints, believe_zeros=True)
     d = diagnose(found.campaign, model, workers=2)
-    delay, damping = (added.effect for added in d.added[:2])
-    assert (delay.name, damping.name) == ("input-delay", "link-viscous")
+    damping, delay = (added.effect for added in d.added[:2])
+    assert (damping.name, delay.name) == ("link-viscous", "input-delay")
     assert delay["time"] == pytest.approx(1e-4, abs=2e-5) and 0.05 < damping["damping"] < 0.15
     assert d.before.all > 0.1 and d.after.all < 0.065
     assert d.status == "unexplained"
