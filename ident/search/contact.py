@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -12,12 +13,13 @@ from ident.effects.base import Effect
 from ident.effects.creeping import Creeping
 from ident.effects.learned import KINDS, VARIABLES
 from ident.effects.motor import TorqueScale
-from ident.search.candidates import Candidate, best_of, of_kinds, smallest
+from ident.search.candidates import Candidate, best_of, of_kinds, smallest, units
 from ident.search.choice import Tried, is_curve, left_by
 from ident.search.curves import curve_of
 from ident.search.minima import CREPT, creeping_like, crept, told
-from ident.search.refits import BY_ALL, Bench, Refit, State, all_fitted, reduced_chi2, same
+from ident.search.refits import BY_ALL, HASTILY, Bench, Refit, State, all_fitted, fitted, reduced_chi2, same
 from ident.search.trace import Linearised
+from ident.search.tried import refitted
 
 
 def as_it_creeps(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
@@ -69,20 +71,52 @@ def rubbing(bench: Bench, lin: Linearised, tried: Sequence[Tried]) -> list[tuple
     """Curves of dry friction by all that its level may follow, whatever they promise, where the best that was `tried` is a name of such a
     friction that leaves much: at its port and level, each with the arm that it found. Where a joint rests its friction could be any,
     so that to first order none is missed."""
-    best = min(tried, key=left_by, default=None)
-    if best is None or is_curve(best) or reduced_chi2(bench, best.state) <= BY_ALL:
+    if (rubs := _rubbing_most(bench, lin, tried)) is None:
         return []
-    law = best.state.effects[-1]
-    level = max(
-        (abs(v) for p, v in zip(law.parameters, law.values, strict=True) if p.relative == "torque"), default=0.0
-    )
-    if not law.dry or law.joint is None or not level:
-        return []
-    there = replace(lin, vector=best.state.minimum.vector[: len(lin.vector)])
+    law, level, there = rubs
+    assert law.joint is not None
     names = [name for name in VARIABLES.get(law.port, ()) if KINDS[name].dry]
     curves = [c for name in names if (c := curve_of(lin, law.port, law.joint, name)) is not None]
     size = [(level,) * len(c.scales) for c in curves]
     return [(replace(c, effect=c.effect.with_values(s), scales=s), there) for c, s in zip(curves, size, strict=True)]
+
+
+def rubbing_anew(bench: Bench, state: State, lin: Linearised, tried: Sequence[Tried]) -> list[Tried]:
+    """Names of dry friction of more numbers, where the best that was `tried` is one that leaves much, at its port and level and with the arm
+    that it found, hastily fitted with motions that follow them: a fit that holds motions is led anywhere by friction of another size."""
+    if (rubs := _rubbing_most(bench, lin, tried)) is None or bench.late:
+        return []
+    law, level, there = rubs
+    kinds = of_kinds(lin, lambda kind, at: kind.dry and (kind.port, at) == (law.port, law.joint), state.effects)
+    found = []
+    for kind, joint in kinds:
+        parts = [p.relative == "torque" for p in kind.parameters]
+        if len(parts) <= 1 or not any(parts):
+            continue
+        unit = units(lin, kind, joint)
+        sizes = [
+            [level / sum(parts)] if part else [u * size for size in p.sizes]
+            for p, part, u in zip(kind.parameters, parts, unit, strict=True)
+        ]
+        likely = [Candidate(kind(joint, values), 0.0, values) for values in product(*sizes)]
+        best = min(refitted(bench, state, [(c, there) for c in likely]), key=left_by, default=None)
+        if best is not None:
+            new = fitted(bench, replace(Refit.of(best.state), roughly=HASTILY, followed=True))
+            bench.say(f"  its motion followed, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
+            found.append(best.refitted(replace(new, followed=False)))
+    return found
+
+
+def _rubbing_most(bench: Bench, lin: Linearised, tried: Sequence[Tried]) -> tuple[Effect, float, Linearised] | None:
+    """The best that was `tried`, where it is a name of dry friction that leaves much: its law, its level, and the arm that it found."""
+    best = min(tried, key=left_by, default=None)
+    if best is None or is_curve(best) or reduced_chi2(bench, best.state) <= BY_ALL:
+        return None
+    law = best.state.effects[-1]
+    level = sum(abs(v) for p, v in zip(law.parameters, law.values, strict=True) if p.relative == "torque")
+    if not law.dry or law.joint is None or not level:
+        return None
+    return law, level, replace(lin, vector=best.state.minimum.vector[: len(lin.vector)])
 
 
 def _likewise(one: State, other: State) -> list[Refit]:

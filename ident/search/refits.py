@@ -109,7 +109,7 @@ class State:
 class Refit:
     """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it), first with `doubts`; dry friction
     from where it was found last, `slid`; by so many `lines` of a record, None: all, or few if hastily. Motions are held while values change, or
-    `followed` where a force winds up."""
+    `followed` where a force winds up, or rubs."""
 
     vector: Array
     effects: tuple[Effect, ...]
@@ -208,8 +208,8 @@ def fitted(bench: Bench, refit: Refit) -> State:
     whole = degrees(bench.split.fit) / degrees(fit), degrees(bench.split.select) / degrees(select)
     try:
         with np.errstate(all="ignore"):
-            if refit.followed and winding(refit.effects):
-                minimum = follow(problem, _as_declared(bench, refit), _that_wind(problem), refit.roughly)
+            if refit.followed and _moving(refit.effects):
+                minimum = follow(problem, _as_declared(bench, refit), _that_move(problem), refit.roughly)
             else:
                 minimum = minimise(problem, _as_declared(bench, refit), refit.doubts, refit.outer, refit.roughly)
             problem = replace(problem, slid=minimum.slid)
@@ -234,9 +234,14 @@ def winding(effects: Sequence[Effect]) -> set[int | None]:
     return {effect.joint for effect in effects if winds_up(effect) and not isinstance(effect, Learned)}
 
 
-def _that_wind(problem: Problem) -> list[int]:
-    """The free parameters that motions follow most: of all effects, and of the drives that these wind up."""
-    n, joints = problem.n, winding(problem.effects)
+def _moving(effects: Sequence[Effect]) -> set[int | None]:
+    """The joints that named effects wind up, or rub at."""
+    return winding(effects) | {effect.joint for effect in effects if effect.dry and not isinstance(effect, Learned)}
+
+
+def _that_move(problem: Problem) -> list[int]:
+    """The free parameters that motions follow most: of all effects, and of the drives that these wind up, or rub at."""
+    n, joints = problem.n, _moving(problem.effects)
     drives = [k for k in range(4 * n) if k % n in joints]
     return [k for k in (*drives, *range(problem.base, len(problem.free))) if problem.free[k]]
 

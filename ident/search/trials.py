@@ -24,7 +24,7 @@ from ident.search.choice import (
     left_by,
     rings_ahead,
 )
-from ident.search.contact import as_it_creeps, balanced, besides, rubbing
+from ident.search.contact import as_it_creeps, balanced, besides, rubbing, rubbing_anew
 from ident.search.curves import curves, resonances, responses
 from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
 from ident.search.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, wound_up
@@ -219,13 +219,16 @@ def _drawn(bench: Bench, state: State, lin: Linearised, names: Sequence[Tried]) 
     rung = _rung(bench, state, lin, least)
     if any(left_by(one) < ENOUGH * state.select or reduced_chi2(bench, one.state) <= NAMED for one in rung):
         return rung
+    anew = rubbing_anew(bench, state, lin, names)
+    if any(explains(bench, one.state, CLOSE**2) for one in anew):
+        return rung + anew
     laws = curves(lin, bench.workers)[:CURVES]
     ahead = responses(lin, max([least, *(c.gain for c in laws)]), bench.workers)[:CURVES]
     drawn = [(c, lin) for c in [*laws, *ahead] if c.gain > least] + rubbing(bench, lin, names)
     if ahead and reduced_chi2(bench, state) > BENT:
         declared = linearised(state.problem, as_declared(bench, state))
         drawn += [(c, declared) for c in responses(declared, 0.0, bench.workers)[:CURVES]]
-    return rung + refitted(bench, state, drawn)
+    return rung + anew + refitted(bench, state, drawn)
 
 
 def _rung(bench: Bench, state: State, lin: Linearised, least: float) -> list[Tried]:
