@@ -113,7 +113,9 @@ def _rubbing_most(bench: Bench, lin: Linearised, tried: Sequence[Tried]) -> tupl
     if best is None or is_curve(best) or reduced_chi2(bench, best.state) <= BY_ALL:
         return None
     law = best.state.effects[-1]
-    level = sum(abs(v) for p, v in zip(law.parameters, law.values, strict=True) if p.relative == "torque")
+    level = max(
+        (abs(v) for p, v in zip(law.parameters, law.values, strict=True) if p.relative == "torque"), default=0.0
+    )
     if not law.dry or law.joint is None or not level:
         return None
     return law, level, replace(lin, vector=best.state.minimum.vector[: len(lin.vector)])

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.effects.base import winds_up
+from ident.effects.base import Effect, winds_up
 from ident.records.campaign import Array
 from ident.search.candidates import Candidate, bounds, units
 from ident.search.choice import Tried
@@ -63,14 +63,16 @@ def refitted(bench: Bench, state: State, short: Sequence[tuple[Candidate, Linear
 
 
 def again(bench: Bench, state: State, earlier: Sequence[State]) -> list[Tried]:
-    """The model `state` with the last effect of each of some `earlier` ones, as it was in them, on the arm that they had."""
+    """The model `state` with the last effect of each of some `earlier` ones, as it was in them, on the arm that they had; no friction beside
+    friction of the same port that follows from the same."""
     refits: dict[tuple[str, int | None], tuple[Candidate, Refit]] = {}
     base = state.problem.base
     for other in earlier:
         effect, arm = other.effects[-1], other.minimum.vector[:base]
         own = len(other.scales) - len(effect.values)
         candidate = Candidate(effect, 0.0, other.scales[own:])
-        if not any(same(effect, e) for e in state.effects) and (effect.name, effect.joint) not in refits:
+        taken = any(same(effect, e) or _rub_alike(effect, e) for e in state.effects)
+        if not taken and (effect.name, effect.joint) not in refits:
             found = np.concatenate([arm, state.minimum.vector[base:]])
             refits[effect.name, effect.joint] = candidate, _with(state, found, candidate, other.limits[own:])
     candidates, models = [c for c, _ in refits.values()], all_fitted(bench, [refit for _, refit in refits.values()])
@@ -78,6 +80,11 @@ def again(bench: Bench, state: State, earlier: Sequence[State]) -> list[Tried]:
     for _, new in tried:
         bench.say(f"  again, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
     return tried
+
+
+def _rub_alike(a: Effect, b: Effect) -> bool:
+    """Whether both are dry friction of a velocity at the same port, whose sum is such a friction, too."""
+    return a.dry and b.dry and (a.port, a.joint) == (b.port, b.joint) and not (a.by_load or b.by_load)
 
 
 def with_candidate(state: State, candidate: Candidate, lin: Linearised) -> Refit:

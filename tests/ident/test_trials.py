@@ -19,21 +19,22 @@ import ident.search.tried
 import ident.search.whole_numbers
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
+from ident.effects.catalogue import CATALOGUE
 from ident.effects.creeping import creeping
-from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
+from ident.effects.friction import LinkCoulomb, LoadDependentFriction, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.learned import Learned, learned
 from ident.effects.ringing import Ringing
 from ident.effects.spring import SpringHardening, TransmissionError
 from ident.effects.structure import AttachedResonator, LinkFlexibility
 from ident.search.candidates import Candidate
 from ident.search.choice import Tried, drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
-from ident.search.contact import rubbing
+from ident.search.contact import rubbing, rubbing_anew
 from ident.search.finer import curve_finely, finely, leader_finely
 from ident.search.naming import of_any_order, plainer
-from ident.search.refits import FINELY, HASTILY
+from ident.search.refits import FINELY, HASTILY, State
 from ident.search.trace import Linearised
 from ident.search.trials import _finalists, _ringing, ahead, outshines, polished
-from ident.search.tried import by_few_lines, refitted
+from ident.search.tried import again, by_few_lines, refitted
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -374,3 +375,71 @@ def test_what_friction_may_follow_is_tried_where_a_name_of_it_leaves_much(
     level = max(effect.values[:2])
     assert [c.effect.variable for c, _ in likely if isinstance(c.effect, Learned)] == names
     assert all(c.effect.values == (level,) * 3 and np.array_equal(lin.vector, found[:3]) for c, lin in likely)
+
+
+@pytest.mark.parametrize(
+    ("effect", "left", "starts"),
+    [(MotorCoulomb(1, (0.1,)), 600.0, 2), (MotorCoulomb(1, (0.1,)), 2.0, 0), (DRY, 600.0, 0), (WAVE, 600.0, 0)],
+)
+def test_friction_of_more_numbers_is_sized_as_the_best_and_its_motion_followed(
+    effect: Effect, left: float, starts: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, asked = [], []
+
+    def refitted(bench: Any, state: Any, short: Any) -> list[Tried]:
+        begun.extend(short)
+        return [Tried(c, fitting(100.0 * k, c.effect)) for k, (c, _) in enumerate(short, 3)]
+
+    def fitting(level: float, law: Effect) -> Any:
+        vector = np.arange(3.0 + len(law.values))
+        return SimpleNamespace(
+            effects=(law,),
+            select=level * DOF,
+            minimum=SimpleNamespace(vector=vector, slid={}),
+            scales=(),
+            limits=(),
+            followed=False,
+        )
+
+    def fitted(bench: Any, refit: Any) -> Any:
+        asked.append((refit.followed, refit.roughly))
+        return State((*refit.effects,), (), (), SimpleNamespace(vector=refit.vector), None, 5.0 * DOF, HASTILY, True)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(ident.search.contact, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.contact, "of_kinds", lambda lin, wanted, taken: [
+        (kind, 1) for kind in CATALOGUE.values() if wanted(kind, 1)])  # fmt: skip
+    monkeypatch.setattr(ident.search.contact, "units", lambda lin, kind, joint: (1.0,) * len(kind.parameters))
+    monkeypatch.setattr(ident.search.contact, "refitted", refitted)
+    monkeypatch.setattr(ident.search.contact, "fitted", fitted)
+    tried = [Tried(Candidate(effect, 9.0, (1.0,)), fitting(left, effect))]
+    lin = Linearised(SimpleNamespace(), np.zeros(3), (), (), (), ())  # type: ignore[arg-type]
+    found = rubbing_anew(BENCH, fitting(900.0, effect), lin, tried)
+    assert len(begun) == starts and asked == [(True, HASTILY)] * len(found) and len(found) == (starts > 0)
+    level = effect.values[0]
+    assert all(
+        c.effect.values[:2] == (level / 2, level / 2) and np.array_equal(lin.vector, np.arange(3.0)) for c, lin in begun
+    )
+    assert all(one.state.effects[-1].name == "motor-stribeck" and not one.state.followed for one in found)
+
+
+@pytest.mark.parametrize(
+    ("there", "earlier", "tried"),
+    [
+        (MotorStribeck(1, (0.1, 0.1, 3.0)), MotorCoulomb(1, (0.1,)), False),
+        (MotorStribeck(1, (0.1, 0.1, 3.0)), MotorCoulomb(0, (0.1,)), True),
+        (LinkCoulomb(1, (0.1,)), LoadDependentFriction(1, (0.1,)), True),
+    ],
+)
+def test_friction_is_tried_again_beside_friction_only_where_it_follows_from_something_else(
+    there: Effect, earlier: Effect, tried: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def model(effect: Effect) -> Any:
+        vector = np.zeros(3 + len(effect.values))
+        return SimpleNamespace(
+            effects=(effect,), minimum=SimpleNamespace(vector=vector, slid={}), problem=SimpleNamespace(base=3), select=1.0,
+            scales=effect.values, limits=((0.0, 1.0),) * len(effect.values),
+        )  # fmt: skip
+
+    monkeypatch.setattr(ident.search.tried, "all_fitted", lambda bench, refits: [model(earlier) for _ in refits])
+    monkeypatch.setattr(ident.search.tried, "reduced_chi2", lambda bench, state: state.select)
+    assert bool(again(BENCH, model(there), [model(earlier)])) == tried
