@@ -82,8 +82,8 @@ def rubbing(bench: Bench, lin: Linearised, tried: Sequence[Tried]) -> list[tuple
 
 
 def rubbing_anew(bench: Bench, state: State, lin: Linearised, tried: Sequence[Tried]) -> list[Tried]:
-    """Names of dry friction of more numbers, where the best that was `tried` is one that leaves much, at its port and level and with the arm
-    that it found, hastily fitted with motions that follow them: a fit that holds motions is led anywhere by friction of another size."""
+    """Names of dry friction of more numbers than the best that was `tried`, where that is one that leaves much, at its port and level and with
+    the arm that it found, hastily fitted with motions that follow them: a fit that holds motions is led anywhere by friction of another size."""
     if (rubs := _rubbing_most(bench, lin, tried)) is None or bench.late:
         return []
     law, level, there = rubs
@@ -91,7 +91,7 @@ def rubbing_anew(bench: Bench, state: State, lin: Linearised, tried: Sequence[Tr
     found = []
     for kind, joint in kinds:
         parts = [p.relative == "torque" for p in kind.parameters]
-        if len(parts) <= 1 or not any(parts):
+        if len(parts) <= law.numbers or not any(parts):
             continue
         unit = units(lin, kind, joint)
         sizes = [
