@@ -28,6 +28,7 @@ from ident.search.choice import (
     rivals,
     vanished,
 )
+from ident.search.contact import named_by_load
 from ident.search.contradicted import is_shapeless
 from ident.search.departures import errors
 from ident.search.gains import named_gains, resolved
@@ -105,7 +106,7 @@ def another(
     best, tried = _best(bench, state, lin, tried, further, little, bends)
     best = best and best.refitted(resolved(bench, best.state))
     one = _entered(bench, state, best, tried, lin)
-    names = None if best is None else named_gains(bench, best.state)
+    names = None if best is None else named_gains(bench, best.state) or named_by_load(bench, best.state)
     if names is not None and earned(bench, state, names):
         new = [e for e in names.effects if all(not same(e, old) for old in state.effects)]
         if new:

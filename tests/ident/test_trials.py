@@ -28,7 +28,7 @@ from ident.effects.spring import SpringHardening, TransmissionError
 from ident.effects.structure import AttachedResonator, LinkFlexibility
 from ident.search.candidates import Candidate
 from ident.search.choice import Tried, drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
-from ident.search.contact import rubbing, rubbing_anew
+from ident.search.contact import named_by_load, rubbing, rubbing_anew
 from ident.search.finer import curve_finely, finely, leader_finely
 from ident.search.naming import of_any_order, plainer
 from ident.search.refits import FINELY, HASTILY, State
@@ -443,3 +443,37 @@ def test_friction_is_tried_again_beside_friction_only_where_it_follows_from_some
     monkeypatch.setattr(ident.search.tried, "all_fitted", lambda bench, refits: [model(earlier) for _ in refits])
     monkeypatch.setattr(ident.search.tried, "reduced_chi2", lambda bench, state: state.select)
     assert bool(again(BENCH, model(there), [model(earlier)])) == tried
+
+
+@pytest.mark.parametrize(
+    ("heights", "left", "named"),
+    [
+        ((1.4, 0.4, 1.4), 1.0, (0.4, 0.5)),
+        ((1.4, 0.4, 1.4), 30.0, None),  # they leave much more
+        ((1.0, 0.0, 1.0), 1.0, None),  # friction by load alone is a name that was tried
+    ],
+)
+def test_friction_that_is_always_there_and_friction_by_load_are_named_in_a_curve(
+    heights: tuple[float, ...], left: float, named: tuple[float, float] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    curve = learned("link", "loaded", [-2.0, 0.0, 2.0])(1, heights)
+    state: Any = SimpleNamespace(effects=(HARD, curve), select=5.0 * DOF)
+    plain: Any = SimpleNamespace(effects=(HARD,), scales=(1e7,), limits=((0.0, 1e9),), minimum=SimpleNamespace(slid={}))
+    lin = Linearised(SimpleNamespace(), np.zeros(4), (), (), (), ())  # type: ignore[arg-type]
+
+    def fitted(bench: Any, refit: Any) -> Any:
+        assert refit.vector[-2:].tolist() == pytest.approx(refit.scales[-2:]) and len(refit.limits) == 3
+        return SimpleNamespace(effects=refit.effects, select=left * DOF)
+
+    monkeypatch.setattr(ident.search.contact, "standing", lambda bench, state, keep: (plain, lin))
+    monkeypatch.setattr(ident.search.tried, "units", lambda lin, kind, joint: (1.0,))
+    monkeypatch.setattr(ident.search.contact, "fitted", fitted)
+    monkeypatch.setattr(ident.search.contact, "fully", lambda bench, state: state)
+    monkeypatch.setattr(ident.search.contact, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.contact, "degrees", lambda data: DOF)
+    bench: Any = SimpleNamespace(**vars(BENCH) | {"split": SimpleNamespace(select=())})
+    found = named_by_load(bench, state)
+    assert (found is None) == (named is None)
+    if found is not None:
+        assert [e.name for e in found.effects[1:]] == ["link-coulomb", "load-dependent-friction"]
+        assert [e.values[0] for e in found.effects[1:]] == pytest.approx(named)
