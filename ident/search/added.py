@@ -42,7 +42,7 @@ from ident.search.tried import refitted
 OUTDONE = 0.5
 #: Times what a model leaves that another may leave, hastily fitted, which may do better.
 HASTILY_MORE = 3.0
-#: Times the excess that a name leaves of which another leaves hardly more.
+#: Times what a name leaves beyond noise of which another leaves hardly more: it may be tried in its place later, or come first.
 HARDLY_MORE = 2.0
 #: Names tried in the place of a learned curve.
 NAMES = 6

@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm.parts import degrees, sampled
 from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned
-from ident.search.added import Added
+from ident.search.added import HARDLY_MORE, Added
 from ident.search.alike import names_alike
 from ident.search.changes import since, told_of
 from ident.search.choice import (
@@ -71,8 +71,6 @@ from symgen.forked import forked
 
 #: Rivals whose errors are told.
 RIVALS = 3
-#: Times what an effect leaves that another may leave to be tried in its place later.
-HARDLY_MORE = 2.0
 #: Most effects with each of which a second one is looked for, where none does alone; share of chi^2 on the fitting records that
 #: one of these leaves at most.
 LEADERS, LEADS = 2, 0.8
