@@ -238,7 +238,8 @@ def largest_first(bench: Bench, state: State, added: Sequence[Added]) -> list[Ad
     entries = list(added)
     dof, report = degrees(bench.split.select), told_of(bench.split, state, bench.split.report)
     for k, (first, second) in enumerate(pairwise(added)):
-        if entries[k] is not first or isinstance(first.effect, Learned) or isinstance(second.effect, Learned):
+        drawn = isinstance(first.effect, Learned) or isinstance(second.effect, Learned)
+        if entries[k] is not first or drawn or bench.late:
             continue
         names = [*(one.effect for one in entries[:k]), second.effect]
         refit = some(state, [at for at, e in enumerate(state.effects) if any(same(e, name) for name in names)])

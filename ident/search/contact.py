@@ -144,7 +144,7 @@ def named_by_load(bench: Bench, state: State) -> State | None:
     if not isinstance(curve, LearnedLaw) or (curve.port, curve.variable) != ("link", "loaded") or joint is None:
         return None
     size, share = nnls(np.stack([np.ones(len(curve.knots)), np.abs(curve.knots)], axis=1), np.asarray(curve.values))[0]
-    if not (size > 0.0 and share > 0.0):
+    if bench.late or not (size > 0.0 and share > 0.0):
         return None
     plain, lin = standing(bench, state, but_last(state))
     names = [LinkCoulomb(joint, (float(size),)), LoadDependentFriction(joint, (float(share),))]

@@ -121,11 +121,11 @@ def knots_of_frequency(lin: Linearised, joint: int, count: int) -> Array:
     these nothing tells of it. None where no record has it."""
     live = [one for one in lin.problem.data if joint in one.scene.arm.live]
     own = [one for one in live if one.excited == joint] or live
-    if not own:
-        return np.zeros(0)
-    lines = np.unique(np.concatenate([one.sampling.f[one.use & one.is_excited] for one in own]))
-    lines = lines[lines > 0.0]
-    even = np.geomspace(lines[0], lines[-1], count) if len(lines) else lines
+    told = [one.sampling.f[one.use & one.is_excited & (one.sampling.f > 0.0)] for one in own]
+    lines = np.unique(np.concatenate([np.zeros(0), *told]))
+    if not len(lines):
+        return lines
+    even = np.geomspace(lines[0], lines[-1], count)
     return np.unique(lines[np.argmin(np.abs(np.subtract.outer(lines, even)), axis=0)])
 
 
