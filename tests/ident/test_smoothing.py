@@ -99,6 +99,7 @@ def test_true_parameters_explain_a_record_with_the_motion_they_make(
     assert by_measured > measured
 
 
+@pytest.mark.bench
 def test_friction_is_found_together_with_a_hysteresis_at_its_port() -> None:
     """Each is of the motion that both leave: found once, beside a hysteresis of the motion before, 3400 times the noise was left."""
     both = LinkCoulomb(0, (0.3,)), LinkHysteresis(0, (0.3, 2e-4))
