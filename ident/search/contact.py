@@ -22,7 +22,6 @@ from ident.search.curves import curve_of
 from ident.search.minima import CREPT, LEAST_GAIN, creeping_like, crept, fully, told
 from ident.search.refits import (
     BY_ALL,
-    HASTILY,
     NAMED,
     Bench,
     Refit,
@@ -35,7 +34,7 @@ from ident.search.refits import (
     standing,
 )
 from ident.search.trace import Linearised
-from ident.search.tried import refitted, with_candidate
+from ident.search.tried import with_candidate
 
 
 def as_it_creeps(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
@@ -114,12 +113,13 @@ def rubbing_anew(bench: Bench, state: State, lin: Linearised, tried: Sequence[Tr
             [level / sum(parts)] if part else [u * size for size in p.sizes]
             for p, part, u in zip(kind.parameters, parts, unit, strict=True)
         ]
-        likely = [Candidate(kind(joint, values), 0.0, values) for values in product(*sizes)]
-        best = min(refitted(bench, state, [(c, there) for c in likely]), key=left_by, default=None)
-        if best is not None:
-            new = fitted(bench, replace(Refit.of(best.state), roughly=HASTILY, followed=True))
+        for values in product(*sizes):
+            candidate = Candidate(kind(joint, values), 0.0, values)
+            new = fitted(bench, replace(with_candidate(state, candidate, there), followed=True))
             bench.say(f"  its motion followed, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
-            found.append(best.refitted(replace(new, followed=False)))
+            found.append(Tried(candidate, replace(new, followed=False)))
+            if bench.late or reduced_chi2(bench, new) <= BY_ALL:
+                break
     return found
 
 

@@ -23,9 +23,9 @@ from ident.loop.diagnose import Begun, begin
 from ident.records.frf import estimate
 from ident.search.candidates import Candidate, best_of
 from ident.search.choice import Tried
-from ident.search.contact import balanced, besides
+from ident.search.contact import balanced, besides, rubbing_anew
 from ident.search.minima import LEAST_GAIN
-from ident.search.refits import Bench, State, linearised, reduced_chi2
+from ident.search.refits import Bench, Refit, State, fitted, linearised, reduced_chi2
 from ident.search.rounds import _best, _gaining, _two, _with_second
 from ident.search.trials import giving
 from ident.search.tried import again, refitted
@@ -38,17 +38,21 @@ SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3, f
 RINGS, SCALE = "attached-resonator", "torque-scale"
 
 
-@pytest.fixture(scope="module")
-def begun() -> Begun:
-    """Something rings on a link whose drive gives another torque than it says."""
+def begun_with(*texts: str) -> Begun:
+    """Short records of an arm with these effects."""
     chain = chain_of_robot(SHORT)
     cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells]
     drives = [SHORT.drive(name) for name in chain.names]
-    texts = f"{RINGS}:inertia=7e-4,frequency=27.5,damping=1.8e-4@joint3", f"{SCALE}:error=-0.04@joint3"
     campaign = simulate(chain, SHORT, cells, effects=[parse(text, drives) for text in texts], workers=1, seed=11)
     responses = tuple(estimate(record, campaign) for record in campaign.records)
     model, _ = model_of_campaign(campaign, responses, True, "coupled")
     return begin(campaign, model, responses)
+
+
+@pytest.fixture(scope="module")
+def begun() -> Begun:
+    """Something rings on a link whose drive gives another torque than it says."""
+    return begun_with(f"{RINGS}:inertia=7e-4,frequency=27.5,damping=1.8e-4@joint3", f"{SCALE}:error=-0.04@joint3")
 
 
 @cache
@@ -216,3 +220,19 @@ def test_a_curve_is_taken_only_where_no_name_does_as_well_at_its_minimum(
     much = 5000.0 * dof
     best, _ = _best(replace(bench, at_first=much), replace(begun.start, select=much), lin, [], [tried])
     assert best is not None and best[0].effect.name == name
+
+
+@pytest.mark.bench
+def test_friction_that_falls_with_speed_is_found_where_its_motion_is_followed() -> None:
+    """From where plainer friction leads; a fit that holds the motion ends far from there, from what promises most."""
+    true = (0.004, 0.008, 3.0)
+    begun = begun_with("motor-stribeck:level=0.004,peak=0.008,speed=3@joint2")
+    bench, start = begun.bench, begun.start
+    lin = linearised(start.problem, start.minimum.vector)
+    plain, falling = (best_of(lin, CATALOGUE[f"motor-{name}"], 1) for name in ("coulomb", "stribeck"))
+    assert plain is not None and falling is not None
+    tried, (held,) = (refitted(bench, start, [(c, lin)]) for c in (plain, falling))
+    assert reduced_chi2(bench, fitted(bench, Refit.of(held.state))) > 30.0
+    *_, found = rubbing_anew(bench, start, lin, tried)
+    state = fitted(bench, Refit.of(found.state))
+    assert reduced_chi2(bench, state) < 3.0 and state.effects[-1].values == pytest.approx(true, rel=0.05)

@@ -378,47 +378,45 @@ def test_what_friction_may_follow_is_tried_where_a_name_of_it_leaves_much(
 
 
 @pytest.mark.parametrize(
-    ("effect", "left", "starts"),
-    [(MotorCoulomb(1, (0.1,)), 600.0, 2), (MotorCoulomb(1, (0.1,)), 2.0, 0), (DRY, 600.0, 0), (WAVE, 600.0, 0)],
+    ("effect", "left", "after", "starts"),
+    [
+        (MotorCoulomb(1, (0.1,)), 600.0, 300.0, 2),
+        (MotorCoulomb(1, (0.1,)), 600.0, 3.0, 1),  # the first does
+        (MotorCoulomb(1, (0.1,)), 2.0, 3.0, 0),
+        (DRY, 600.0, 3.0, 0),
+        (WAVE, 600.0, 3.0, 0),
+    ],
 )
 def test_friction_of_more_numbers_is_sized_as_the_best_and_its_motion_followed(
-    effect: Effect, left: float, starts: int, monkeypatch: pytest.MonkeyPatch
+    effect: Effect, left: float, after: float, starts: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begun, asked = [], []
-
-    def refitted(bench: Any, state: Any, short: Any) -> list[Tried]:
-        begun.extend(short)
-        return [Tried(c, fitting(100.0 * k, c.effect)) for k, (c, _) in enumerate(short, 3)]
-
-    def fitting(level: float, law: Effect) -> Any:
-        vector = np.arange(3.0 + len(law.values))
-        return SimpleNamespace(
-            effects=(law,),
-            select=level * DOF,
-            minimum=SimpleNamespace(vector=vector, slid={}),
-            scales=(),
-            limits=(),
-            followed=False,
-        )
+    state: Any = SimpleNamespace(
+        effects=(effect,),
+        select=left * DOF,
+        minimum=SimpleNamespace(vector=np.arange(4.0), slid={}),
+        scales=(),
+        limits=(),
+    )
+    asked = []
 
     def fitted(bench: Any, refit: Any) -> Any:
-        asked.append((refit.followed, refit.roughly))
-        return State((*refit.effects,), (), (), SimpleNamespace(vector=refit.vector), None, 5.0 * DOF, HASTILY, True)  # type: ignore[arg-type]
+        asked.append((refit.followed, refit.roughly, refit.vector[:3].tolist()))
+        return State(refit.effects[-1:], (), (), SimpleNamespace(vector=refit.vector), None, after * DOF, HASTILY, True)  # type: ignore[arg-type]
 
+    kinds = [(kind, 1) for kind in CATALOGUE.values()]
     monkeypatch.setattr(ident.search.contact, "reduced_chi2", lambda bench, state: state.select / DOF)
-    monkeypatch.setattr(ident.search.contact, "of_kinds", lambda lin, wanted, taken: [
-        (kind, 1) for kind in CATALOGUE.values() if wanted(kind, 1)])  # fmt: skip
-    monkeypatch.setattr(ident.search.contact, "units", lambda lin, kind, joint: (1.0,) * len(kind.parameters))
-    monkeypatch.setattr(ident.search.contact, "refitted", refitted)
-    monkeypatch.setattr(ident.search.contact, "fitted", fitted)
-    tried = [Tried(Candidate(effect, 9.0, (1.0,)), fitting(left, effect))]
-    lin = Linearised(SimpleNamespace(), np.zeros(3), (), (), (), ())  # type: ignore[arg-type]
-    found = rubbing_anew(BENCH, fitting(900.0, effect), lin, tried)
-    assert len(begun) == starts and asked == [(True, HASTILY)] * len(found) and len(found) == (starts > 0)
-    level = effect.values[0]
-    assert all(
-        c.effect.values[:2] == (level / 2, level / 2) and np.array_equal(lin.vector, np.arange(3.0)) for c, lin in begun
+    monkeypatch.setattr(
+        ident.search.contact, "of_kinds", lambda lin, wanted, taken: [one for one in kinds if wanted(*one)]
     )
+    monkeypatch.setattr(ident.search.contact, "units", lambda lin, kind, joint: (1.0,) * len(kind.parameters))
+    monkeypatch.setattr(ident.search.tried, "units", lambda lin, kind, joint: (1.0,) * len(kind.parameters))
+    monkeypatch.setattr(ident.search.contact, "fitted", fitted)
+    tried = [Tried(Candidate(effect, 9.0, (1.0,)), state)]
+    lin = Linearised(SimpleNamespace(), np.zeros(3), (), (), (), ())  # type: ignore[arg-type]
+    found = rubbing_anew(BENCH, state, lin, tried)
+    assert asked == [(True, HASTILY, [0.0, 1.0, 2.0])] * starts and len(found) == starts
+    level = effect.values[0]
+    assert all(one.candidate.effect.values[:2] == (level / 2, level / 2) for one in found)
     assert all(one.state.effects[-1].name == "motor-stribeck" and not one.state.followed for one in found)
 
 
