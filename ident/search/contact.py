@@ -22,6 +22,7 @@ from ident.search.curves import curve_of
 from ident.search.minima import CREPT, LEAST_GAIN, creeping_like, crept, fully, told
 from ident.search.refits import (
     BY_ALL,
+    HASTILY,
     NAMED,
     Bench,
     Refit,
@@ -116,6 +117,9 @@ def rubbing_anew(bench: Bench, state: State, lin: Linearised, tried: Sequence[Tr
         for values in product(*sizes):
             candidate = Candidate(kind(joint, values), 0.0, values)
             new = fitted(bench, replace(with_candidate(state, candidate, there), followed=True))
+            if NAMED < reduced_chi2(bench, new) <= BY_ALL:
+                more = fitted(bench, replace(Refit.of(new), roughly=HASTILY))
+                new = more if more.select < new.select else new
             bench.say(f"  its motion followed, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
             found.append(Tried(candidate, replace(new, followed=False)))
             if bench.late or reduced_chi2(bench, new) <= BY_ALL:

@@ -235,4 +235,4 @@ def test_friction_that_falls_with_speed_is_found_where_its_motion_is_followed() 
     assert reduced_chi2(bench, fitted(bench, Refit.of(held.state))) > 30.0
     *_, found = rubbing_anew(bench, start, lin, tried)
     state = fitted(bench, Refit.of(found.state))
-    assert reduced_chi2(bench, state) < 3.0 and state.effects[-1].values == pytest.approx(true, rel=0.05)
+    assert reduced_chi2(bench, state) < 3.0 and state.effects[-1].values == pytest.approx(true, rel=0.1)

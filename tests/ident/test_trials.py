@@ -381,7 +381,7 @@ def test_what_friction_may_follow_is_tried_where_a_name_of_it_leaves_much(
     ("effect", "left", "after", "starts"),
     [
         (MotorCoulomb(1, (0.1,)), 600.0, 300.0, 2),
-        (MotorCoulomb(1, (0.1,)), 600.0, 3.0, 1),  # the first does
+        (MotorCoulomb(1, (0.1,)), 600.0, 1.0, 1),  # the first does
         (MotorCoulomb(1, (0.1,)), 2.0, 3.0, 0),
         (DRY, 600.0, 3.0, 0),
         (WAVE, 600.0, 3.0, 0),
