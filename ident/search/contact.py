@@ -8,18 +8,15 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from scipy.optimize import nnls
 
-from ident.arm.parts import degrees
 from ident.effects.base import Effect
 from ident.effects.creeping import Creeping
-from ident.effects.friction import LinkCoulomb, LoadDependentFriction
-from ident.effects.learned import KINDS, VARIABLES, LearnedLaw
+from ident.effects.learned import KINDS, VARIABLES
 from ident.effects.motor import TorqueScale
 from ident.search.candidates import Candidate, best_of, of_kinds, smallest, units
-from ident.search.choice import ALIKE, Tried, is_curve, left_by
+from ident.search.choice import Tried, is_curve, left_by
 from ident.search.curves import curve_of
-from ident.search.minima import CREPT, LEAST_GAIN, creeping_like, crept, fully, told
+from ident.search.minima import CREPT, creeping_like, crept, told
 from ident.search.refits import (
     BY_ALL,
     HASTILY,
@@ -28,11 +25,9 @@ from ident.search.refits import (
     Refit,
     State,
     all_fitted,
-    but_last,
     fitted,
     reduced_chi2,
     same,
-    standing,
 )
 from ident.search.trace import Linearised
 from ident.search.tried import with_candidate
@@ -139,30 +134,6 @@ def _rubbing_most(bench: Bench, lin: Linearised, tried: Sequence[Tried]) -> tupl
     if not law.dry or law.joint is None or not level:
         return None
     return law, level, replace(lin, vector=best.state.minimum.vector[: len(lin.vector)])
-
-
-def named_by_load(bench: Bench, state: State) -> State | None:
-    """The model with friction that is always there and friction in proportion to the load in the place of its last effect, a curve of the
-    friction that a load makes, if they leave hardly more; None if they do not."""
-    curve, joint = state.effects[-1], state.effects[-1].joint
-    if not isinstance(curve, LearnedLaw) or (curve.port, curve.variable) != ("link", "loaded") or joint is None:
-        return None
-    size, share = nnls(np.stack([np.ones(len(curve.knots)), np.abs(curve.knots)], axis=1), np.asarray(curve.values))[0]
-    if bench.late or not (size > 0.0 and share > 0.0):
-        return None
-    plain, lin = standing(bench, state, but_last(state))
-    names = [LinkCoulomb(joint, (float(size),)), LoadDependentFriction(joint, (float(share),))]
-    if any(same(name, e) for name in names for e in plain.effects):
-        return None
-    one, other = (with_candidate(plain, Candidate(name, 0.0, name.values), lin) for name in names)
-    both = replace(
-        one, vector=np.append(one.vector, other.vector[-1]), effects=(*one.effects, other.effects[-1]),
-        scales=(*one.scales, other.scales[-1]), limits=(*one.limits, other.limits[-1]),
-    )  # fmt: skip
-    new = fully(bench, fitted(bench, both))
-    bench.say(f"  instead of {told(curve)}, {' and '.join(map(told, names))}: {reduced_chi2(bench, new):.4g}")
-    most = max(LEAST_GAIN, ALIKE * (state.select - degrees(bench.split.select)))
-    return new if new.select <= state.select + most or reduced_chi2(bench, new) <= NAMED else None
 
 
 def _likewise(one: State, other: State) -> list[Refit]:

@@ -1,17 +1,25 @@
-"""The name that was chosen, or another one at its place that does as much: of fewer parameters, or a wave of no whole order."""
+"""The name that was chosen, or another one at its place that does as much: of fewer parameters, or a wave of no whole order; or two in
+the place of a curve."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import nnls
+
 from ident.arm.parts import degrees
 from ident.effects.base import has_forces
-from ident.search.candidates import catalogue
-from ident.search.choice import Tried, left_by, plainest
+from ident.effects.friction import LinkCoulomb, LoadDependentFriction
+from ident.effects.learned import LearnedLaw
+from ident.search.candidates import Candidate, catalogue
+from ident.search.choice import ALIKE, Tried, left_by, plainest
 from ident.search.curves import wave
 from ident.search.finer import finer
-from ident.search.minima import LEAST_GAIN, fully
-from ident.search.refits import CLOSE, Bench, beyond_noise, but_last, reduced_chi2, standing
+from ident.search.minima import LEAST_GAIN, fully, told
+from ident.search.refits import CLOSE, NAMED, Bench, State, beyond_noise, but_last, fitted, reduced_chi2, same, standing
 from ident.search.trials import HARDLY, LIKELY
-from ident.search.tried import refitted
+from ident.search.tried import refitted, with_candidate
 
 #: Times what a law leaves that a plainer one leaves in haste that is not it; `CLOSE` times, fitted finely.
 HOPELESS = 10.0
@@ -54,3 +62,27 @@ def of_any_order(bench: Bench, one: Tried) -> Tried:
         best = best.refitted(fully(bench, best.state))
     much = max(LEAST_GAIN, ANOTHER * degrees(bench.split.select))
     return best if left_by(best) < left_by(one) - much else one
+
+
+def named_by_load(bench: Bench, state: State) -> State | None:
+    """The model with friction that is always there and friction in proportion to the load in the place of its last effect, a curve of the
+    friction that a load makes, if they leave hardly more; None if they do not."""
+    curve, joint = state.effects[-1], state.effects[-1].joint
+    if not isinstance(curve, LearnedLaw) or (curve.port, curve.variable) != ("link", "loaded") or joint is None:
+        return None
+    size, share = nnls(np.stack([np.ones(len(curve.knots)), np.abs(curve.knots)], axis=1), np.asarray(curve.values))[0]
+    if bench.late or not (size > 0.0 and share > 0.0):
+        return None
+    plain, lin = standing(bench, state, but_last(state))
+    names = [LinkCoulomb(joint, (float(size),)), LoadDependentFriction(joint, (float(share),))]
+    if any(same(name, e) for name in names for e in plain.effects):
+        return None
+    one, other = (with_candidate(plain, Candidate(name, 0.0, name.values), lin) for name in names)
+    both = replace(
+        one, vector=np.append(one.vector, other.vector[-1]), effects=(*one.effects, other.effects[-1]),
+        scales=(*one.scales, other.scales[-1]), limits=(*one.limits, other.limits[-1]),
+    )  # fmt: skip
+    new = fully(bench, fitted(bench, both))
+    bench.say(f"  instead of {told(curve)}, {' and '.join(map(told, names))}: {reduced_chi2(bench, new):.4g}")
+    most = max(LEAST_GAIN, ALIKE * (state.select - degrees(bench.split.select)))
+    return new if new.select <= state.select + most or reduced_chi2(bench, new) <= NAMED else None

@@ -28,12 +28,11 @@ from ident.search.choice import (
     rivals,
     vanished,
 )
-from ident.search.contact import named_by_load
 from ident.search.contradicted import is_shapeless
 from ident.search.departures import errors
 from ident.search.gains import named_gains, resolved
 from ident.search.minima import LEAST_GAIN, fully, told
-from ident.search.naming import of_any_order, plainer
+from ident.search.naming import named_by_load, of_any_order, plainer
 from ident.search.one_more import leading_to_one_more
 from ident.search.refits import (
     BY_ALL,

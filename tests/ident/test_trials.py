@@ -28,9 +28,9 @@ from ident.effects.spring import SpringHardening, TransmissionError
 from ident.effects.structure import AttachedResonator, LinkFlexibility
 from ident.search.candidates import Candidate
 from ident.search.choice import Tried, drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
-from ident.search.contact import named_by_load, rubbing, rubbing_anew
+from ident.search.contact import rubbing, rubbing_anew
 from ident.search.finer import curve_finely, finely, leader_finely
-from ident.search.naming import of_any_order, plainer
+from ident.search.naming import named_by_load, of_any_order, plainer
 from ident.search.refits import FINELY, HASTILY, State
 from ident.search.trace import Linearised
 from ident.search.trials import _finalists, _ringing, ahead, outshines, polished
@@ -463,12 +463,12 @@ def test_friction_that_is_always_there_and_friction_by_load_are_named_in_a_curve
         assert refit.vector[-2:].tolist() == pytest.approx(refit.scales[-2:]) and len(refit.limits) == 3
         return SimpleNamespace(effects=refit.effects, select=left * DOF)
 
-    monkeypatch.setattr(ident.search.contact, "standing", lambda bench, state, keep: (plain, lin))
+    monkeypatch.setattr(ident.search.naming, "standing", lambda bench, state, keep: (plain, lin))
     monkeypatch.setattr(ident.search.tried, "units", lambda lin, kind, joint: (1.0,))
-    monkeypatch.setattr(ident.search.contact, "fitted", fitted)
-    monkeypatch.setattr(ident.search.contact, "fully", lambda bench, state: state)
-    monkeypatch.setattr(ident.search.contact, "reduced_chi2", lambda bench, state: state.select / DOF)
-    monkeypatch.setattr(ident.search.contact, "degrees", lambda data: DOF)
+    monkeypatch.setattr(ident.search.naming, "fitted", fitted)
+    monkeypatch.setattr(ident.search.naming, "fully", lambda bench, state: state)
+    monkeypatch.setattr(ident.search.naming, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.naming, "degrees", lambda data: DOF)
     bench: Any = SimpleNamespace(**vars(BENCH) | {"split": SimpleNamespace(select=())})
     found = named_by_load(bench, state)
     assert (found is None) == (named is None)
