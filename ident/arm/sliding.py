@@ -26,7 +26,7 @@ RIDGE = 1e-4
 #: Share by which turns change that are near to settle and do not; Newton's steps to a motion, shares of a step that are tried, what
 #: is left when they end; what of a slope is felt, samples at which it is solved for directly; what gmres leaves of more, and takes.
 NEARLY, CLOSER, SHARES, CLOSE = 0.1, 4, (1.0, 0.5, 0.25), 1e-4
-FELT, MOST_DENSE = 1e-3, 1200
+FELT, MOST_DENSE = 1e-3, 2500
 LEFT, KRYLOV, RESTARTS = 1e-2, 60, 4
 #: Share of itself by which a turn changes what has settled; how far aside, as a share of it, and of its change, a tangent is told,
 #: and what gmres leaves of that along it; its steps for one of Newton's, and most of these.

@@ -32,6 +32,7 @@ from loop.cases import KINDS_OF_CASE, OURS, Case, cases, drawn, truth, twin, wri
 from loop.judge import ASKED, NEAR_CLEAN, bias, judged
 from loop.table import failures, table
 
+from ident.diagnosis_commands import MINUTES
 from ident.errors import ExperimentError
 from ident.loop.diagnosis_json import verdict_document
 from ident.loop.either_model import diagnose_either
@@ -173,8 +174,8 @@ def _worked(job: Job, tell: Callable[[str], None]) -> dict[str, Any]:
 
 
 def blind(file: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """The verdict on a campaign file, as `ident diagnose FILE` has it: nothing is known but what is in it."""
-    found, notes = diagnose_either(read_campaign(file), say=progress)
+    """The verdict on a campaign file, as `ident diagnose FILE` has it, but by one process: nothing is known but what is in it."""
+    found, notes = diagnose_either(read_campaign(file), say=progress, seconds=60.0 * MINUTES)
     return verdict_document(found, [file], notes)
 
 
