@@ -166,13 +166,16 @@ def response_figure(effect: Response, std: Sequence[float], found: Gains | None)
             (row[1], 1e3 * delay, 1e3 * np.array(curve["delays"]), 1e3 * of_delays, "delay [ms]"),
         ):
             logarithmic(axes.set_xscale, axes.xaxis)
-            axes.plot(f, y, color=FIT, linewidth=0.5 * WIDE, zorder=LAW)
+            known = np.isfinite(error) | ~np.isfinite(error).any()  # what is not told may be far away
+            drawn = f >= knots[known][0]
+            axes.plot(f[drawn], y[drawn], color=FIT, linewidth=0.5 * WIDE, zorder=LAW)
             _knots(axes, knots, at, error)
+            own = told = at[known]
             if found is not None:
                 turned = np.angle(found.measured / found.law) / (2.0 * np.pi * found.f)
                 own = np.abs(found.measured) if axes is row[0] else 1e3 * (effect.at_frequencies(found.f)[1] - turned)
                 dots(axes, found.f, own, DATA, SMALL, RECORDS)
-                _up(axes, own, np.append(y, at))
+            _up(axes, own, told)
             axes.set_xlim(knots[0] / ROOM, knots[-1] * ROOM)
             axes.set_xlabel("frequency [Hz]")
             axes.set_ylabel(name)

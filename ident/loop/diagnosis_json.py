@@ -327,16 +327,20 @@ def _of_place(d: Diagnosis, effect: Effect) -> list[dict[str, Any]]:
     )
     if not only_shares(effect) or any(again):
         return []
-    return [{"name": "unknown", "joint": joint, "separate_by": AGAIN.separate_by, "recipe": AGAIN.recipe}]
+    return [_unknown(joint, "its place", AGAIN)]
 
 
 def _of_response(d: Diagnosis, effect: Effect) -> list[dict[str, Any]]:
     """A frequency response, "unknown", of a joint that moves no other one: of its torque it is what it is of its angle."""
     if not isinstance(effect, Response) or effect.joint is None or not _moves_no_other(d.model, effect.joint):
         return []
-    other = "torque" if effect.port == "sensor" else "measured angle"
-    by = f"as well the response of the {other}: {NEVER.separate_by}"
-    return [{"name": "unknown", "joint": _joint(d.campaign, effect.joint), "separate_by": by, "recipe": NEVER.recipe}]
+    other = "the torque" if effect.port == "sensor" else "the measured angle"
+    return [_unknown(_joint(d.campaign, effect.joint), other, NEVER)]
+
+
+def _unknown(joint: str | None, of: str, by: Separation) -> dict[str, Any]:
+    """What has no name, as what an effect is not told from; what it is a law `of`."""
+    return {"name": "unknown", "joint": joint, "of": of, "separate_by": by.separate_by, "recipe": by.recipe}
 
 
 def _moves_no_other(model: Model, joint: int) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
+from itertools import compress, repeat
 from typing import Any
 
 from ident.effects.catalogue import CATALOGUE
@@ -22,9 +23,10 @@ WRITTEN = {"Nm": "N m", "Nms/rad": "N m s/rad", "Nm/rad": "N m/rad", "Ns/m": "N 
 
 
 def name_of(effect: dict[str, Any]) -> str:
-    """The name of an effect."""
+    """The name of an effect, or of what it is not told from."""
     if effect["name"] == "unknown":
-        return RESONANCE if variable_of(effect) == "resonance" else UNKNOWN
+        of = f" of {effect['of']}" if "of" in effect else ""
+        return RESONANCE if variable_of(effect) == "resonance" else UNKNOWN + of
     return str(effect["name"])
 
 
@@ -113,7 +115,9 @@ def extent(effect: dict[str, Any]) -> str:
     curve = effect["curve"]
     sizes = f"{_range(curve['heights'])} {curve['unit']}".rstrip()
     if curve["variable"] == "frequency":
-        sizes = f"gain {sizes}, delay {_range([1e3 * delay for delay in curve['delays']])} ms"
+        told = [p["std"] is not None for name, p in effect["parameters"].items() if name.startswith("delay")]
+        delays = compress(curve["delays"], told if any(told) else repeat(True))
+        sizes = f"gain {sizes}, delay {_range([1e3 * delay for delay in delays])} ms"
     if curve["variable"] == CROSSTALK:
         return f"{number(100 * curve['heights'][0])} % of it"
     _, unit = _variable(curve, effect["port"])

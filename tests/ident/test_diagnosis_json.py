@@ -17,6 +17,7 @@ from ident.effects.motor import TorqueRipple
 from ident.effects.response import response
 from ident.errors import IdentError
 from ident.loop.diagnosis_json import _confounded, _of_response, result_document, verdict_document, write
+from ident.loop.effect_words import extent, named
 from ident.search.contradicted import Off
 from ident.search.deviations import Deviation
 
@@ -221,4 +222,10 @@ def test_a_response_of_a_joint_that_moves_no_other_one_may_be_of_its_torque_or_o
     assert [(one["name"], one["joint"], one["recipe"]) for one in found] == [
         ("unknown", "joint1", "link-sensor")
     ] * told
-    assert not told or "measured angle" in found[0]["separate_by"]
+    assert not told or named(found[0]) == "an unknown law of the measured angle at joint1"
+
+
+def test_a_delay_that_no_record_tells_says_nothing_of_how_long_it_is():
+    curve = response("motor", [1.0, 3.0])(0, (-0.1, 0.02, 1e-3)).curve()
+    told = {name: {"std": std} for name, std in [("log_gain_2", 0.1), ("delay_1", None), ("delay_2", 1e-6)]}
+    assert "delay 1 to 1 ms over 1 to 3 Hz" in extent({"curve": curve, "port": "motor", "parameters": told})
