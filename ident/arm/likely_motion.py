@@ -84,8 +84,10 @@ class LikelyMotion:
         yielding = inverses(Z_ll)
         G = response(arm, p, replace(sampling, f=wide.f0 * wide.lines), linear)
         of_model = replace(powers, G=G).of_model()
-        certainty = inverses(of_model + np.diag(powers.angle.max(axis=0)))
         inside = np.isin(wide.lines, scene.lines)
+        of_angles = np.tile(powers.angle.max(axis=0), (len(wide.lines), 1))  # nobody knows what rings beyond the band
+        of_angles[inside] = powers.angle
+        certainty = inverses(of_model + of_angles[:, :, None] * np.eye(len(arm.live)))
         rigid = np.zeros_like(wide.theta)
         tau, mean_tau = wide.acting_torque(linear.torque_gain), mean_torques(wide, p, effects)
         rigid[inside] = 0.0 if second is None else second

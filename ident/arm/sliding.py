@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
+from scipy.signal import resample
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from ident.arm.acting import Slid
@@ -25,7 +26,7 @@ SOON, EVENLY = 8, 0.5
 RIDGE = 1e-4
 #: Share by which turns change that are near to settle and do not; Newton's steps to a motion, shares of a step that are tried, what
 #: is left when they end; what of a slope is felt, samples at which it is solved for directly; what gmres leaves of more, and takes.
-NEARLY, CLOSER, SHARES, CLOSE = 0.1, 4, (1.0, 0.5, 0.25), 1e-4
+NEARLY, CLOSER, SHARES, CLOSE = 0.1, 12, (1.0, 0.5, 0.25), 1e-6
 FELT, MOST_DENSE = 1e-3, 2500
 LEFT, KRYLOV, RESTARTS = 1e-2, 60, 4
 #: Share of itself by which a turn changes what has settled; how far aside, as a share of it, and of its change, a tangent is told,
@@ -150,17 +151,31 @@ def _stepped(
     return w, float(norm(change) / (norm(w) + 1e-300))
 
 
-def closer(law: Callable[[Array], Array], alone: Array, gives: Complex, x: Array) -> tuple[Array, Array]:
-    """Motion x [S] and the force of a `law` there, closer to where x = alone - gives law(x), [S] and [S/2 + 1] by harmonics, from x near
-    it: Newton's steps."""
+def closer(
+    law: Callable[[Array], Array], alone: Array, gives: Complex, x: Array, samples: int | None = None
+) -> tuple[Array, Array, float]:
+    """Motion x [S] and the force of a `law` there [T], closer to where x = alone - gives law(x), [S] and [S/2 + 1] by harmonics, from x
+    near it: Newton's steps; and the share of x that is left.
+
+    The law is told at T `samples` of the period, S or a power of two more: of what bends at once S of them alone see other harmonics than
+    there are.
+    """
+    S, T = len(x), samples or len(x)
+
+    def finer(x: Array) -> Array:
+        return x if T == S else np.asarray(resample(x, T))
 
     def turn(x: Array) -> Array:
-        return alone - np.fft.irfft(gives * np.fft.rfft(law(x)), len(x)) - x
+        return alone - np.fft.irfft(gives * np.fft.rfft(law(finer(x)))[: S // 2 + 1] * (S / T), S) - x
 
-    x = _stepped(
-        turn, lambda change, x: along_tangent(gives, _slope(law, x), change), x, CLOSE * float(norm(x)), CLOSER
-    )[0]
-    return x, law(x)
+    def slope(x: Array) -> Array:
+        return np.asarray(np.roll(_slope(law, finer(x)), T // S // 2).reshape(S, -1).mean(axis=1))
+
+    def step(change: Array, x: Array) -> Array:
+        return along_tangent(gives, slope(x), change)
+
+    x, left = _stepped(turn, step, x, CLOSE * float(norm(x)), CLOSER)
+    return x, law(finer(x)), left
 
 
 def settled(turn: Callable[[Array], Array], w: Array, turns: int) -> Array:

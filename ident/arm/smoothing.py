@@ -7,18 +7,17 @@ which changes the motion that it is of, is found with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice
 
 import numpy as np
 
 from ident.arm.acting import Moved, Slid, second_order, signals, slope
 from ident.arm.arm_model import Parameters, Sampling
+from ident.arm.contact import Contact
 from ident.arm.likely_motion import Force, Forces, Key, LikelyMotion
-from ident.arm.marching import marched
 from ident.arm.scene import Scene
-from ident.arm.sliding import EVERYWHERE, MEMORY, RIDGE, TURNS, Where, balanced, closer, in_turns, settled, told_by
+from ident.arm.sliding import EVERYWHERE, MEMORY, RIDGE, TURNS, Where, balanced, in_turns, settled, told_by
 from ident.arm.whitening import Powers
 from ident.effects.base import Effect, Law, PeriodicLaw
 from ident.effects.motion import Motion, over_periods
@@ -41,9 +40,8 @@ STOPS = 2
 MOVED = 1.0
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
-#: chi^2 per degree of freedom below which no other force is looked for; nor, of one that rattles, another period, and these at most,
-#: told by so many times fewer samples; none after so many in a row that leave more than this share of what is left already.
-EXPLAINED, FITS, PERIODS, COARSER, VAIN, HARDLY = 2.0, 1.1, 10, 4, 3, 0.9
+#: chi^2 per degree of freedom below which no other force is looked for; most periods that play is followed for, and in haste.
+EXPLAINED, PERIODS, SHORT = 2.0, 12, 4
 
 
 def smoothed(
@@ -310,44 +308,20 @@ def _yielding(
         if not DIVERGED * least > change > SETTLED * size:
             break
     if not least > SETTLED * size:
-        return Force.of(scene, best), None
+        return Force.of(scene, best), None if last is None else _kept(port.moves(there)[0], best)
     instant = all(isinstance(law, Law) for law in laws)  # of no memory
     if instant and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
         rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
-        alone, gives = _by_instants(scene, port.x0, port.Y, rest, yields)
-        step = scene.samples // len(alone)
-        _, against = closer(lambda x: -force(x, 0.0 * x), alone, np.fft.rfft(gives), x[::step])
-        periods = marched(alone, gives, lambda x: force(x, 0.0 * x), x, best[::step])
-        return _likeliest(arm, key, on, best, chain([-against], islice(periods, PERIODS if march else 0))), None
+        contact = Contact(arm, key, on, lambda x: force(x, 0.0 * x), rest, yields)
+        found = contact.likeliest(x, best, (PERIODS if turns >= TURNS else SHORT) if march else 0)
+        return Force.of(scene, found), _kept(port.moves(port.left_by(found, at, 0.0, 0.0))[0], found)
     x, v = port.moves(there)
     line = slope(x, best), slope(v, best)
     x, v = port.moves(settled(lambda at: port.left_by(force(*port.moves(at)), at, *line) - at, there, turns))
     F = force(x, v)
-    return _likeliest(arm, key, on, best, iter([F])), (x.astype(np.float32), F.astype(np.float32))
+    better = min(best, F, key=lambda force: arm.misfit(on | {key: Force.of(scene, force)}))
+    return Force.of(scene, better), _kept(x, F)
 
 
-def _by_instants(scene: Scene, x0: Complex, Y: Complex, rest: float, yields: float) -> tuple[Array, Array]:
-    """How a port moves alone, and by a unit force at one instant, [S] each, from amplitudes at the lines; it rests at `rest`, and
-    `yields` to a constant force. S is a whole part of the scene's samples that tells all of its lines."""
-    S = scene.samples
-    while S > scene.samples // COARSER and S // 4 > scene.lines[-1]:
-        S //= 2
-    alone, gives = np.zeros((2, S // 2 + 1), dtype=complex)
-    alone[0], alone[scene.lines] = S * rest, x0 * (S / 2)
-    gives[0], gives[scene.lines] = -yields, Y
-    return np.fft.irfft(alone, S), np.fft.irfft(gives, S)
-
-
-def _likeliest(arm: LikelyMotion, key: Key, on: Forces, found: Array, more: Iterator[Array]) -> Force:
-    """That of the forces [S] at a port which explains the record best: `found`, or one of `more` until one is enough, or several in a
-    row explain hardly more."""
-    best, least, vain = Force.of(arm.scene, found), np.inf, 0
-    for force in chain([found], more):
-        tried = Force.of(arm.scene, force)
-        misfit = arm.misfit(on | {key: tried})
-        vain = 0 if misfit < HARDLY * least else vain + 1
-        if misfit < least:
-            best, least = tried, misfit
-        if least < FITS * arm.degrees or vain == VAIN:
-            break
-    return best
+def _kept(x: Array, F: Array) -> Slid:
+    return x.astype(np.float32), F.astype(np.float32)

@@ -71,10 +71,30 @@ def test_newtons_steps_find_the_motion_of_a_spring_that_stiffens() -> None:
         line = 0.7 * line + 0.3 * float(law(v) @ v / (v @ v))
         v = np.fft.irfft(np.fft.rfft(alone) * softer / (softer + line), S)
     assert line > 0.5 * K
-    x, force = closer(law, alone, -np.fft.rfft(gives), v)
+    x, force, share = closer(law, alone, -np.fft.rfft(gives), v)
     assert left(law, alone, gives, v) > 0.1 and left(law, alone, gives, x) < 1e-4
+    assert share < 1e-6 and len(force) == S
     *_, repeated = islice(marched(alone, gives, law, alone, np.zeros(S)), 25)
     assert np.std(force - repeated) < 1e-3 * np.std(force)
+
+
+def test_what_bends_at_once_is_told_by_more_samples_than_steps_are_made_with() -> None:
+    def play(x: np.ndarray) -> np.ndarray:
+        return np.asarray(-0.9 * K * np.clip(x, -0.05, 0.05))
+
+    alone, gives = oscillator()
+    harmonics, few = -np.fft.rfft(gives), S // 32
+    harmonics[few // 2 :] = 0.0  # the motion has no more of them
+    x, exact, _ = closer(play, alone, harmonics, alone)
+    step = S // few
+    (_, coarse, _), (_, fine, share) = (
+        closer(play, alone[::step], harmonics[: few // 2 + 1], alone[::step], samples) for samples in (few, S)
+    )
+    lines = slice(1, few // 4)
+    told = [np.fft.rfft(force)[lines] / len(force) for force in (exact, coarse, fine)]
+    wrong, right = (np.linalg.norm(one - told[0]) / np.linalg.norm(told[0]) for one in told[1:])
+    assert np.abs(x).max() > 0.1 and share < 1e-6
+    assert right < 1e-4 and wrong > 0.01
 
 
 def left(law: Callable[[np.ndarray], np.ndarray], alone: np.ndarray, gives: np.ndarray, x: np.ndarray) -> float:

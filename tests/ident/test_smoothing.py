@@ -20,7 +20,7 @@ from ident.arm.evidence import evidence, gravity_basis
 from ident.arm.likely_motion import Force, Forces
 from ident.arm.scene import Scene
 from ident.arm.sliding import TURNS, Meeting, in_turns
-from ident.arm.smoothing import Mixture, _by_instants
+from ident.arm.smoothing import Mixture
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, LoadDependentFriction, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.hysteresis import LinkHysteresis, SpringHysteresis
@@ -205,9 +205,10 @@ def test_a_law_with_a_memory_is_met_where_turns_do_not_settle() -> None:
     assert levels(SpringHysteresis(2, (0.13, 1.1e-5)), "joint3", (0.0, -0.32, -0.02))[1] < 1.0
 
 
-def test_play_that_rattles_is_found_by_marching() -> None:
-    """Turns around the period do not settle there: 55 times the noise is left of this record without."""
-    assert levels(Backlash(0, (1.2e-4,)), "joint1", (0.0, 1.57, 0.0))[1] < 5.0
+@pytest.mark.parametrize(("gap", "posture"), [(5e-5, (0.0, 1.57, 0.0)), (8e-5, (0.0, 1.6884, -1.6884))])
+def test_play_that_rattles_is_explained(gap: float, posture: tuple[float, ...]) -> None:
+    """Where it hardly touches, contacts told by samples of a line or two are others: 3.1 and 2.7 of the noise would be left."""
+    assert levels(Backlash(0, (gap,)), "joint1", posture)[1] < 1.1
 
 
 def test_a_velocity_at_which_friction_is_met_already_stays() -> None:
@@ -289,15 +290,3 @@ def test_friction_in_turns_is_that_of_an_integrated_mass() -> None:
     stuck = np.abs(true.y[0]) < creep / 10
     assert 0.05 < stuck.mean() < 0.9
     assert slope[stuck].min() > 0.9 * level / creep > 10 * slope[np.abs(true.y[0]) > 5 * creep].max()
-
-
-@pytest.mark.parametrize(("last", "samples", "told"), [(1000, 8192, 2048), (4097, 32768, 16384), (2000, 32768, 8192)])
-def test_instants_tell_every_line_of_a_scene(last: int, samples: int, told: int) -> None:
-    rng = np.random.default_rng(0)
-    lines = np.array([1, 7, last])
-    scene: Any = SimpleNamespace(samples=samples, lines=lines)
-    x0, Y = rng.normal(size=(2, 3)) + 1j * rng.normal(size=(2, 3))
-    alone, gives = _by_instants(scene, x0, Y, rest=0.5, yields=0.2)
-    assert len(alone) == len(gives) == told
-    assert np.allclose(np.fft.rfft(alone)[lines] * 2 / told, x0) and np.isclose(alone.mean(), 0.5)
-    assert np.allclose(np.fft.rfft(gives)[lines], Y) and np.isclose(gives.sum(), -0.2)

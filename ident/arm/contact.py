@@ -1,0 +1,87 @@
+"""The motion of a port that meets what it rattles between, as in play: a law of the position of the moment that bends at once.
+
+Where the port hardly touches, little decides whether and when it does: there may be several motions, or none that repeats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+
+from ident.arm.likely_motion import Force, Forces, Key, LikelyMotion
+from ident.arm.marching import marched
+from ident.arm.sliding import closer
+from ident.records.campaign import Array
+from ident.records.frf import Complex
+
+#: chi^2 per degree of freedom below which no other motion is looked for.
+FITS = 1.1
+#: Samples for each line, at least: of Newton's steps, and of periods that are followed.
+STEPPED, FOLLOWED = 2.2, 7.0
+#: Share of a force by which that of the next period differs, below which they repeat; periods at the beginning that tell no mean.
+REPEATS, BEGINNING = 1e-3, 3
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A port of an arm under the forces `on` besides that of a `law`(x) of its position; it rests at `rest`, and `yields` to a
+    constant force."""
+
+    arm: LikelyMotion
+    key: Key
+    on: Forces
+    law: Callable[[Array], Array]
+    rest: float
+    yields: float
+
+    def likeliest(self, x: Array, force: Array, periods: int) -> Array:
+        """That force over a period which explains the record best: the `force` [T] that was found at the position x [T]; that of a motion
+        near it that Newton's steps find; or else what becomes of it within so many `periods`: of the last, of a motion near that, on
+        their mean where they do not repeat.
+
+        Steps are made to a motion that follows what was measured, periods by the model alone.
+        """
+        alone, gives = self._moves(self.arm, STEPPED)
+        S, T = len(alone), len(x)
+
+        def near(x: Array) -> Array:
+            return closer(self.law, alone, -gives, x, T)[1]
+
+        tried = [force, near(x[:: T // S])]
+        if periods and min(map(self._misfit, tried)) > FITS * self.arm.degrees:
+            followed = self._followed(x, force, periods)
+            for last in followed[-1:]:
+                by_lines = gives * np.fft.rfft(last)[: S // 2 + 1] * (S / len(last))
+                tried += [last, near(alone + np.fft.irfft(by_lines, S))]
+            if len(followed) == periods > BEGINNING:
+                tried.append(np.mean(followed[BEGINNING:], axis=0))
+        return min(tried, key=self._misfit)
+
+    def _followed(self, x: Array, force: Array, periods: int) -> list[Array]:
+        """The forces [S] of so many periods, by the model alone, or until they repeat."""
+        alone, gives = self._moves(replace(self.arm, trust=np.zeros_like(self.arm.trust)), FOLLOWED)
+        S, found = len(alone), list[Array]()
+        for F in islice(marched(alone, np.fft.irfft(gives, S), self.law, x, force[:: len(x) // S]), periods):
+            found.append(F)
+            if len(found) > 1 and np.std(F - found[-2]) < REPEATS * np.std(F):
+                break
+        return found
+
+    def _moves(self, arm: LikelyMotion, per_line: float) -> tuple[Array, Complex]:
+        """How the port moves alone [S], and what a unit force at one instant does by harmonics [S/2 + 1], told by so many samples for each
+        line at least."""
+        scene, S = self.arm.scene, self.arm.scene.samples
+        while S % 2 == 0 and S / 2 > per_line * scene.lines[-1]:
+            S //= 2
+        v0, Y = arm.rate(self.key, self.on)
+        alone, gives = np.zeros((2, S // 2 + 1), dtype=complex)
+        alone[0], alone[scene.lines] = S * self.rest, v0 / scene.s * (S / 2)
+        gives[0], gives[scene.lines] = -self.yields, Y / scene.s
+        return np.fft.irfft(alone, S), gives
+
+    def _misfit(self, force: Array) -> float:
+        """chi^2 of the record under a force over a period."""
+        return self.arm.misfit(self.on | {self.key: Force.of(self.arm.scene, force)})
