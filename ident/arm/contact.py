@@ -20,7 +20,7 @@ from ident.records.frf import Complex
 #: chi^2 per degree of freedom below which no other motion is looked for.
 FITS = 1.1
 #: Samples for each line, at least: of Newton's steps, and of periods that are followed.
-STEPPED, FOLLOWED = 2.2, 7.0
+STEPPED, FOLLOWED = 2.2, 4.0
 #: Share of a force by which that of the next period differs, below which they repeat; periods at the beginning that tell no mean.
 REPEATS, BEGINNING = 1e-3, 3
 
@@ -39,10 +39,8 @@ class Contact:
 
     def likeliest(self, x: Array, force: Array, periods: int) -> Array:
         """That force over a period which explains the record best: the `force` [T] that was found at the position x [T]; that of a motion
-        near it that Newton's steps find; or else what becomes of it within so many `periods`: of the last, of a motion near that, on
-        their mean where they do not repeat.
-
-        Steps are made to a motion that follows what was measured, periods by the model alone.
+        near it that Newton's steps find; or else what becomes of it in up to so many `periods`, by the model alone or with what was
+        measured, and of a motion near that.
         """
         alone, gives = self._moves(self.arm, STEPPED)
         S, T = len(alone), len(x)
@@ -50,25 +48,29 @@ class Contact:
         def near(x: Array) -> Array:
             return closer(self.law, alone, -gives, x, T)[1]
 
-        tried = [force, near(x[:: T // S])]
-        if periods and min(map(self._misfit, tried)) > FITS * self.arm.degrees:
-            followed = self._followed(x, force, periods)
-            for last in followed[-1:]:
-                by_lines = gives * np.fft.rfft(last)[: S // 2 + 1] * (S / len(last))
-                tried += [last, near(alone + np.fft.irfft(by_lines, S))]
-            if len(followed) == periods > BEGINNING:
-                tried.append(np.mean(followed[BEGINNING:], axis=0))
-        return min(tried, key=self._misfit)
+        best = min(force, near(x[:: T // S]), key=self._misfit)
+        for arm in (replace(self.arm, trust=np.zeros_like(self.arm.trust)), self.arm) if periods else ():
+            if self._misfit(best) < FITS * self.arm.degrees:
+                break
+            for later in self._later(arm, x, force, periods):
+                best = min(best, later, key=self._misfit)
+            by_lines = gives * np.fft.rfft(best)[: S // 2 + 1] * (S / len(best))
+            best = min(best, near(alone + np.fft.irfft(by_lines, S)), key=self._misfit)
+        return best
 
-    def _followed(self, x: Array, force: Array, periods: int) -> list[Array]:
-        """The forces [S] of so many periods, by the model alone, or until they repeat."""
-        alone, gives = self._moves(replace(self.arm, trust=np.zeros_like(self.arm.trust)), FOLLOWED)
-        S, found = len(alone), list[Array]()
-        for F in islice(marched(alone, np.fft.irfft(gives, S), self.law, x, force[:: len(x) // S]), periods):
+    def _later(self, arm: LikelyMotion, x: Array, force: Array, periods: int) -> list[Array]:
+        """What becomes of a force at x in so many periods [S], or until they repeat: the last; the same mirrored, which is as good a motion
+        of what goes either way alike; and the means of all where they do not repeat."""
+        alone, gives = self._moves(arm, FOLLOWED)
+        found: list[Array] = []
+        for F in islice(marched(alone, gives, self.law, x, force[:: len(x) // len(alone)]), periods):
             found.append(F)
             if len(found) > 1 and np.std(F - found[-2]) < REPEATS * np.std(F):
                 break
-        return found
+        if len(found) == periods > BEGINNING:
+            mean = np.mean(found[BEGINNING:], axis=0)
+            return [found[-1], _mirrored(found[-1]), mean, 0.5 * (mean + _mirrored(mean))]
+        return [found[-1], _mirrored(found[-1])] if found else []
 
     def _moves(self, arm: LikelyMotion, per_line: float) -> tuple[Array, Complex]:
         """How the port moves alone [S], and what a unit force at one instant does by harmonics [S/2 + 1], told by so many samples for each
@@ -85,3 +87,8 @@ class Contact:
     def _misfit(self, force: Array) -> float:
         """chi^2 of the record under a force over a period."""
         return self.arm.misfit(self.on | {self.key: Force.of(self.arm.scene, force)})
+
+
+def _mirrored(force: Array) -> Array:
+    """The same the other way, half a period later."""
+    return -np.roll(force, len(force) // 2)
