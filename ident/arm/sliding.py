@@ -152,10 +152,15 @@ def _stepped(
 
 
 def closer(
-    law: Callable[[Array], Array], alone: Array, gives: Complex, x: Array, samples: int | None = None
+    law: Callable[[Array], Array],
+    alone: Array,
+    gives: Complex,
+    x: Array,
+    samples: int | None = None,
+    near: float = np.inf,
 ) -> tuple[Array, Array, float]:
     """Motion x [S] and the force of a `law` there [T], closer to where x = alone - gives law(x), [S] and [S/2 + 1] by harmonics, from x
-    near it: Newton's steps; and the share of x that is left.
+    near it: Newton's steps; and the share of x that is left. Where that is more than `near` none is made.
 
     The law is told at T `samples` of the period, S or a power of two more: of what bends at once S of them alone see other harmonics than
     there are.
@@ -174,7 +179,8 @@ def closer(
     def step(change: Array, x: Array) -> Array:
         return along_tangent(gives, slope(x), change)
 
-    x, left = _stepped(turn, step, x, CLOSE * float(norm(x)), CLOSER)
+    far = not norm(turn(x)) < near * norm(x)
+    x, left = _stepped(turn, step, x, CLOSE * float(norm(x)), 0 if far else CLOSER)
     return x, law(finer(x)), left
 
 

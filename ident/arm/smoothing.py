@@ -14,8 +14,8 @@ import numpy as np
 
 from ident.arm.acting import Moved, Slid, second_order, signals, slope
 from ident.arm.arm_model import Parameters, Sampling
-from ident.arm.contact import Contact
 from ident.arm.likely_motion import Force, Forces, Key, LikelyMotion
+from ident.arm.rattling import Rattling
 from ident.arm.scene import Scene
 from ident.arm.sliding import EVERYWHERE, MEMORY, RIDGE, TURNS, Where, balanced, in_turns, settled, told_by
 from ident.arm.whitening import Powers
@@ -297,6 +297,7 @@ def _yielding(
         at = port.place(told_by(last[0], scene.samples).astype(float))
         x, v = port.moves(at)
     F = force(x, v)
+    begin = None if last is None else (x, F if march else told_by(last[1], scene.samples).astype(float))
     best, there, least, size = F, at, np.inf, np.std(F)
     for _ in range(STEPS if last is None else 1):
         at = port.left_by(F, at, slope(x, F), slope(v, F))
@@ -312,8 +313,8 @@ def _yielding(
     instant = all(isinstance(law, Law) for law in laws)  # of no memory
     if instant and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
         rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
-        contact = Contact(arm, key, on, lambda x: force(x, 0.0 * x), rest, yields)
-        found = contact.likeliest(x, best, (PERIODS if turns >= TURNS else SHORT) if march else 0)
+        rattling = Rattling(arm, key, on, lambda x: force(x, 0.0 * x), rest, yields)
+        found = rattling.likeliest(*(begin or (x, best)), (PERIODS if turns >= TURNS else SHORT) if march else 0)
         return Force.of(scene, found), _kept(port.moves(port.left_by(found, at, 0.0, 0.0))[0], found)
     x, v = port.moves(there)
     line = slope(x, best), slope(v, best)

@@ -21,12 +21,14 @@ from ident.records.frf import Complex
 FITS = 1.1
 #: Samples for each line, at least: of Newton's steps, and of periods that are followed.
 STEPPED, FOLLOWED = 2.2, 4.0
+#: Share of a position that is left of it where Newton's steps are made.
+NEAR = 0.02
 #: Share of a force by which that of the next period differs, below which they repeat; periods at the beginning that tell no mean.
 REPEATS, BEGINNING = 1e-3, 3
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class Rattling:
     """A port of an arm under the forces `on` besides that of a `law`(x) of its position; it rests at `rest`, and `yields` to a
     constant force."""
 
@@ -40,37 +42,38 @@ class Contact:
     def likeliest(self, x: Array, force: Array, periods: int) -> Array:
         """That force over a period which explains the record best: the `force` [T] that was found at the position x [T]; that of a motion
         near it that Newton's steps find; or else what becomes of it in up to so many `periods`, by the model alone or with what was
-        measured, and of a motion near that.
+        measured, and of a motion near that. Without `periods` a force that explains it is left as it is.
         """
+        if not periods and self._misfit(force) < FITS * self.arm.degrees:
+            return force
         alone, gives = self._moves(self.arm, STEPPED)
         S, T = len(alone), len(x)
 
         def near(x: Array) -> Array:
-            return closer(self.law, alone, -gives, x, T)[1]
+            return closer(self.law, alone, -gives, x, T, NEAR)[1]
 
         best = min(force, near(x[:: T // S]), key=self._misfit)
         for arm in (replace(self.arm, trust=np.zeros_like(self.arm.trust)), self.arm) if periods else ():
             if self._misfit(best) < FITS * self.arm.degrees:
                 break
-            for later in self._later(arm, x, force, periods):
-                best = min(best, later, key=self._misfit)
-            by_lines = gives * np.fft.rfft(best)[: S // 2 + 1] * (S / len(best))
-            best = min(best, near(alone + np.fft.irfft(by_lines, S)), key=self._misfit)
+            later, repeats = self._later(arm, x, force, periods)
+            best = min([best, *later], key=self._misfit)
+            if repeats:
+                by_lines = gives * np.fft.rfft(best)[: S // 2 + 1] * (S / len(best))
+                best = min(best, near(alone + np.fft.irfft(by_lines, S)), key=self._misfit)
         return best
 
-    def _later(self, arm: LikelyMotion, x: Array, force: Array, periods: int) -> list[Array]:
-        """What becomes of a force at x in so many periods [S], or until they repeat: the last; the same mirrored, which is as good a motion
-        of what goes either way alike; and the means of all where they do not repeat."""
+    def _later(self, arm: LikelyMotion, x: Array, force: Array, periods: int) -> tuple[list[Array], bool]:
+        """What becomes of a force at x in so many periods [S], or until they repeat, and whether they do: the last; the same mirrored, which
+        is as good a motion of what goes either way alike; and the means of all where they do not repeat."""
         alone, gives = self._moves(arm, FOLLOWED)
         found: list[Array] = []
         for F in islice(marched(alone, gives, self.law, x, force[:: len(x) // len(alone)]), periods):
+            if found and np.std(F - found[-1]) < REPEATS * np.std(F):
+                return [F, _mirrored(F)], True
             found.append(F)
-            if len(found) > 1 and np.std(F - found[-2]) < REPEATS * np.std(F):
-                break
-        if len(found) == periods > BEGINNING:
-            mean = np.mean(found[BEGINNING:], axis=0)
-            return [found[-1], _mirrored(found[-1]), mean, 0.5 * (mean + _mirrored(mean))]
-        return [found[-1], _mirrored(found[-1])] if found else []
+        mean = [np.mean(found[BEGINNING:], axis=0)] if len(found) > BEGINNING else []
+        return [*found[-1:], *map(_mirrored, found[-1:]), *mean, *(0.5 * (F + _mirrored(F)) for F in mean)], False
 
     def _moves(self, arm: LikelyMotion, per_line: float) -> tuple[Array, Complex]:
         """How the port moves alone [S], and what a unit force at one instant does by harmonics [S/2 + 1], told by so many samples for each
