@@ -86,9 +86,8 @@ class LikelyMotion:
         of_model = replace(powers, G=G).of_model()
         inside = np.isin(wide.lines, scene.lines)
         of_angles = np.tile(powers.angle.max(axis=0), (len(wide.lines), 1))  # nobody knows what rings beyond the band
-        if not any(
-            effect.dry for effect in effects
-        ):  # beside dry friction a model that lacks more is led astray by what is certain
+        # beside dry friction what is certain leads a model astray that lacks more
+        if not any(effect.dry for effect in effects):
             of_angles[inside] = powers.angle
         certainty = inverses(of_model + of_angles[:, :, None] * np.eye(len(arm.live)))
         rigid = np.zeros_like(wide.theta)

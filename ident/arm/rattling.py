@@ -72,8 +72,10 @@ class Rattling:
             if found and np.std(F - found[-1]) < REPEATS * np.std(F):
                 return [F, _mirrored(F)], True
             found.append(F)
-        mean = [np.mean(found[BEGINNING:], axis=0)] if len(found) > BEGINNING else []
-        return [*found[-1:], *map(_mirrored, found[-1:]), *mean, *(0.5 * (F + _mirrored(F)) for F in mean)], False
+        if len(found) <= BEGINNING:  # it went beyond all bounds, soon
+            return [either for F in found[-1:] for either in (F, _mirrored(F))], False
+        mean = np.mean(found[BEGINNING:], axis=0)
+        return [found[-1], _mirrored(found[-1]), mean, 0.5 * (mean + _mirrored(mean))], False
 
     def _moves(self, arm: LikelyMotion, per_line: float) -> tuple[Array, Complex]:
         """How the port moves alone [S], and what a unit force at one instant does by harmonics [S/2 + 1], told by so many samples for each

@@ -297,6 +297,7 @@ def _yielding(
         at = port.place(told_by(last[0], scene.samples).astype(float))
         x, v = port.moves(at)
     F = force(x, v)
+    # the force kept is of this fit from the second sweep on; before, of other parameters
     begin = None if last is None else (x, F if march else told_by(last[1], scene.samples).astype(float))
     best, there, least, size = F, at, np.inf, np.std(F)
     for _ in range(STEPS if last is None else 1):
@@ -325,4 +326,5 @@ def _yielding(
 
 
 def _kept(x: Array, F: Array) -> Slid:
+    """A position and the force there, to go on from."""
     return x.astype(np.float32), F.astype(np.float32)
