@@ -4,8 +4,8 @@ BIN := .venv/bin
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 INSTALL := $(BIN)/pip install -q --disable-pip-version-check --no-compile
-# By all cores, without the tests of others.
-COMPILE := $(BIN)/python -m compileall -q -j 0 -x '/tests?/' .venv/lib
+# By all cores, without the tests of others and what hardly any of is imported.
+COMPILE := $(BIN)/python -m compileall -q -j 0 -x '/(tests?|OpenGL|fontTools|mypyc?|pygments|setuptools)/' .venv/lib
 # Tests and workers are compiled once, not by every process again.
 unexport PYTHONDONTWRITEBYTECODE
 ROBOT := robots/ypp3

@@ -282,7 +282,9 @@ def test_no_records_is_an_error(model: Model) -> None:
         fit_coupled(measured(model, np.random.default_rng(0), noise=0.01, step=ENCODER), model, [])
 
 
-@pytest.mark.parametrize("name, believe", [("ypp3", True), ("ypp3_general", False)])
+@pytest.mark.parametrize(
+    "name, believe", [pytest.param("ypp3", True, marks=pytest.mark.bench), ("ypp3_general", False)]
+)
 def test_held_by_motors_that_give(name: str, believe: bool) -> None:
     """MuJoCo's flexible arm, motors held by disturbance observers: J(q) where nothing was measured, off-diagonals too.
 

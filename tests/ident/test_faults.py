@@ -111,7 +111,10 @@ def only(faults: tuple[Fault, ...], name: str, joint: str) -> Fault:
 @pytest.mark.parametrize(
     ("name", "wrong"),
     [
-        *(pytest.param(name, True, marks=pytest.mark.bench if name == "arm7" else ()) for name in EVERY),
+        *(
+            pytest.param(name, True, marks=pytest.mark.bench if name in ("arm7", "ypp3_general") else ())
+            for name in EVERY
+        ),
         # as declared, where nothing else needs these records: the easier half, some joints of each arm
         *(pytest.param(name, False, marks=() if name in NAMES else pytest.mark.bench) for name in EVERY),
     ],

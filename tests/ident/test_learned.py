@@ -383,7 +383,7 @@ def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tu
 @pytest.mark.parametrize(
     ("law", "expected"),
     [
-        (("place-damper", 5.0, 170.0), "damping at the link"),
+        pytest.param(("place-damper", 5.0, 170.0), "damping at the link", marks=pytest.mark.bench),
         (("commutation", 0.01, TEETH), "gain at the motor"),
         pytest.param(("mesh-stiffness", 100.0, TEETH), "stiffness at the spring", marks=pytest.mark.bench),
         pytest.param(("pressed-friction", 0.1), "driven at the motor", marks=pytest.mark.bench),
@@ -391,7 +391,7 @@ def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tu
         pytest.param(("iron-loss", 2e-4, 0.1), "driving at the motor", marks=pytest.mark.bench),
         (("laden-damper", 1.0, 10.0), "laden at the link"),
         pytest.param(("rubber-damper", 1.0, 1e-3), "damping at the spring", marks=pytest.mark.bench),
-        (("encoder-waves", 2e-3, 5.0), "reading at the sensor"),
+        pytest.param(("encoder-waves", 2e-3, 5.0), "reading at the sensor", marks=pytest.mark.bench),
     ],
 )
 def test_a_law_of_two_signals_is_seen_as_what_it_is(law: tuple[Any, ...], expected: str) -> None:

@@ -84,7 +84,9 @@ def levels(
             marks=pytest.mark.bench,
         ),
         pytest.param(LinkCoulomb(1, (0.4,)), "joint1", 1.0, 100.0, 1.15, id="a link that sticks"),
-        pytest.param(LinkCoulomb(1, (0.4,)), "joint2", 0.5, 1.03, 1.0, id="a link that slides"),
+        pytest.param(
+            LinkCoulomb(1, (0.4,)), "joint2", 0.5, 1.03, 1.0, id="a link that slides", marks=pytest.mark.bench
+        ),
         pytest.param(SpringHardening(1, (3e7,)), "joint2", 1.0, 100.0, 1.15, id="a spring under load"),
         pytest.param(
             LoadDependentFriction(0, (0.4,)), "joint1", 1.0, 4.0, 1.0, id="a link that rubs by the load it makes"
@@ -150,9 +152,11 @@ HARD, SCALED = SpringHardening(1, (3e7,)), TorqueScale(1, (0.1,))
     ("effect", "beside", "before"),
     [
         pytest.param(HARD, TorqueOffset(1, (0.05,)), 3650.0, id="an offset winds the spring"),
-        pytest.param(HARD, SCALED, 3.5, id="a motor that gives more winds the spring further"),
+        pytest.param(HARD, SCALED, 3.5, id="a motor that gives more winds the spring further", marks=pytest.mark.bench),
         pytest.param(LoadDependentFriction(1, (0.05,)), SCALED, 71.0, id="and loads its gear more"),
-        pytest.param(LinkHysteresis(1, (0.5, 1e-4)), HARD, 51.5, id="a spring and what holds its link"),
+        pytest.param(
+            LinkHysteresis(1, (0.5, 1e-4)), HARD, 51.5, id="a spring and what holds its link", marks=pytest.mark.bench
+        ),
         pytest.param(LinkCoulomb(1, (0.4,)), HARD, 7.6, id="a spring and what its link rubs on"),
     ],
 )
@@ -205,7 +209,10 @@ def test_a_law_with_a_memory_is_met_where_turns_do_not_settle() -> None:
     assert levels(SpringHysteresis(2, (0.13, 1.1e-5)), "joint3", (0.0, -0.32, -0.02))[1] < 1.0
 
 
-@pytest.mark.parametrize(("gap", "posture"), [(5e-5, (0.0, 1.57, 0.0)), (8e-5, (0.0, 1.6884, -1.6884))])
+@pytest.mark.parametrize(
+    ("gap", "posture"),
+    [(5e-5, (0.0, 1.57, 0.0)), pytest.param(8e-5, (0.0, 1.6884, -1.6884), marks=pytest.mark.bench)],
+)
 def test_play_that_rattles_is_explained(gap: float, posture: tuple[float, ...]) -> None:
     """Where it hardly touches, contacts told by samples of a line or two are others: 3.1 and 2.7 of the noise would be left."""
     assert levels(Backlash(0, (gap,)), "joint1", posture)[1] < 1.1
