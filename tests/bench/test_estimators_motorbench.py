@@ -17,18 +17,22 @@ from ident.arm.evidence import evidence, gravity_basis
 from ident.effects.base import Effect
 from ident.effects.friction import LinkViscous
 from ident.effects.motor import InputDelay
+from ident.effects.spring import SpringHardening
 from ident.records.frf import estimate
 from symgen.plan import model_of_urdf
 
+FRICTION, DELAY = LinkViscous.of(0, {"damping": 1e-3}), InputDelay.of(0, {"time": 1e-4})
+#: In the order in which `ident diagnose` finds them.
 TRIED: dict[str, tuple[Effect, ...]] = {
     "two masses, damped": (),
-    "+ friction of the load": (LinkViscous.of(0, {"damping": 1e-3}),),
-    "+ delay of the current": (LinkViscous.of(0, {"damping": 1e-3}), InputDelay.of(0, {"time": 1e-4})),
+    "+ friction of the load": (FRICTION,),
+    "+ delay of the current": (FRICTION, DELAY),
+    "+ a spring that softens": (FRICTION, DELAY, SpringHardening.of(0, {"cubic": -100.0})),
 }
 #: No model tried explains the bench to its noise: lines are weighted by that and an error granted, of this share of each angle
 #: in the end.
 DOUBTS = (1.0, 0.2, *[0.05] * 10)
-SIZES = {"damping": 1e-2, "time": 1e-4}
+SIZES = {"damping": 1e-2, "time": 1e-4, "cubic": 100.0}
 
 
 @pytest.mark.bench
@@ -44,7 +48,7 @@ def test_fitted_on_one_record_scored_on_the_other(tmp_path: Path) -> None:
         data = tuple(evidence(campaign, model, basis, frf, k, "excited") for k, frf in enumerate(responses))
         start = declared_start(first, model, responses[:1], basis)
         kinds = [p for e in effects for p in e.parameters]
-        limits = [(p.low, p.high) for p in kinds]
+        limits = [(0.0 if p.low >= 0 else -np.inf, np.inf) if p.relative else (p.low, p.high) for p in kinds]
         fit = problem_of(campaign, model, basis, data[:1], start, effects, [SIZES[p.name] for p in kinds], limits)
         begin = np.concatenate([start.vector(), *[e.values for e in effects]])
         found = minimise(fit, begin, DOUBTS, outer=0)
@@ -85,17 +89,19 @@ def test_fitted_on_one_record_scored_on_the_other(tmp_path: Path) -> None:
         "Measured: motor bench, fitted on A, scored on B",
         f"J_l by the load encoder: {told:.5f} A s2/rad.\n\n" + markdown(head, rows),
     )
-    # the target of 6.5 % for the rms is missed by a hair, see the table; that of the median and of J_l are met
-    assert last[0] <= 0.067 and last[1] <= 0.03 and last[-1] <= 0.03
+    assert last[0] <= 0.065 and last[1] <= 0.03 and last[-1] <= 0.03
 
 
 def load_side(campaign) -> float:
-    """J_l by momentum: J_m theta + J_l q = tau / s^2 at every line, both encoders, around the modes where friction is small."""
+    """J_l by momentum: J_m s^2 theta + J_l s^2 q + D s q + T s tau = tau at every line around the modes, both encoders.
+
+    Without the friction D of the load and the delay T of the current it comes out 5 % too small, with three times the residual.
+    """
     equations, right = [], []
     for record in campaign.records:
         f, tau, theta, q = around_the_modes(record)
         s = 2j * np.pi * f
-        columns = np.stack([s**2 * theta, s**2 * q], axis=1) / np.abs(tau)[:, None]
+        columns = np.stack([s**2 * theta, s**2 * q, s * q, s * tau], axis=1) / np.abs(tau)[:, None]
         equations += [columns.real, columns.imag]
         b = tau / np.abs(tau)
         right += [b.real, b.imag]
