@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ident import record_options
@@ -53,8 +53,9 @@ def add(command: NewCommand) -> None:
 
 def _import(options: argparse.Namespace) -> int:
     from ident.machines.importing import import_files
+    from ident.machines.log_importing import import_log
     from ident.machines.mapping import load_map
-    from ident.records.store import write_campaign
+    from ident.records.store import write_campaign, write_log
 
     if options.keys:
         return _keys(options)
@@ -66,17 +67,35 @@ def _import(options: argparse.Namespace) -> int:
         raise IdentError("import: --map is missing; expected a map.toml (--guess prints a first one)")
     if options.out is None:
         raise IdentError("import: -o is missing; expected the campaign file to write")
-    found = import_files(load_map(options.map), options.files)
+    mapping = load_map(options.map)
+    if mapping.is_log:
+        log = import_log(mapping, options.files)
+        write_log(log.log, options.out)
+        return _brought(
+            options, "log", [run.id for run in log.log.trajectories], log.log.source, log.records, log.notes
+        )
+    found = import_files(mapping, options.files)
     write_campaign(found.campaign, options.out)
+    ids = [record.id for record in found.campaign.records]
+    return _brought(options, "campaign", ids, found.campaign.source, found.records, found.notes)
+
+
+def _brought(
+    options: argparse.Namespace,
+    kind: str,
+    ids: Sequence[str],
+    source: str,
+    records: Sequence[str],
+    notes: Sequence[str],
+) -> int:
     if options.json:
-        ids = [record.id for record in found.campaign.records]
-        print(json.dumps({"campaign": options.out, "kind": "campaign", "records": ids, "notes": found.notes}))
+        print(json.dumps({"campaign": options.out, "kind": kind, "records": ids, "notes": notes}))
         return 0
-    for line in found.records:
+    for line in records:
         print(line)
-    for note in found.notes:
+    for note in notes:
         print(f"! {note}", file=sys.stderr)
-    print(f"{options.out}: {len(found.campaign.records)} records, {found.campaign.source}")
+    print(f"{options.out}: {len(ids)} {'records' if kind == 'campaign' else 'trajectories'}, {source}")
     return 0
 
 

@@ -71,15 +71,20 @@ def add(command: NewCommand) -> None:
 
 
 def _diagnose(options: argparse.Namespace) -> int:
-    document, said = _diagnosed(options)
+    from ident.records.store import is_log
+
+    log = is_log(options.campaign[0])
+    document, said = _log_diagnosed(options) if log else _diagnosed(options)
     out = Path(options.out)
     if options.json:
         print(json.dumps(document))
     else:
+        robot = "robot.toml" if not log else "identified.urdf"
+        others = "identified.urdf, identified.xml (MuJoCo), J.casadi, J.c" if not log else "J.casadi, J.c"
         print(said)
         print(f"\nReport:  {out / 'report.html'}")
         print(f"Verdict: {out / 'verdict.json'}")
-        print(f"Robot:   {out / 'robot.toml'} with identified.urdf, identified.xml (MuJoCo), J.casadi, J.c")
+        print(f"Robot:   {out / robot} with {others}")
     return 0 if document["status"] == "explained" else 1
 
 
@@ -112,6 +117,33 @@ def _diagnosed(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     return document, text(document, options.brief, with_few_lines(found))
 
 
+def _log_diagnosed(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """The same of a log of trajectories."""
+    from ident.logs.diagnose import diagnose_log
+    from ident.logs.report import html, text
+    from ident.logs.robot import write_robot
+    from ident.logs.verdict import result_document, verdict_document
+    from ident.loop.diagnosis_json import FILE, write
+    from ident.plain import replace_file
+    from ident.records.store import read_log
+
+    if len(options.campaign) > 1 or options.baseline is not None:
+        raise IdentError(
+            f"{options.campaign[0]}: a log of trajectories is diagnosed by itself; import all of them into one file"
+        )
+    begin = time.perf_counter()
+    found = diagnose_log(read_log(options.campaign[0]), progress.line(options))
+    seconds = {"diagnose": time.perf_counter() - begin}
+    out = Path(options.out)
+    document = verdict_document(found, options.campaign, {"out": str(out)})
+    page = html(found, document)
+    write(document, out / FILE)
+    write(result_document(found, seconds), out / "result.json")
+    replace_file(out / "report.html", page)
+    write_robot(found, out)
+    return document, text(document, options.brief)
+
+
 def _search(
     campaign: Campaign, earlier: Campaign | None, believe_zeros: bool | None, minutes: float, say: Callable[[str], None]
 ) -> tuple[Diagnosis, tuple[str, ...]]:
@@ -133,6 +165,8 @@ def report_again(verdict: Mapping[str, Any], say: Callable[[str], None]) -> str:
     from ident.loop.diagnosis_report import html
     from ident.records.inputs import again
 
+    if verdict["input"]["kind"] == "log":
+        return _log_report_again(verdict, say)
     made = verdict["made_with"]
     earlier = again(made["baseline"]) if made["baseline"] else None
     minutes = inf if made["minutes"] is None else made["minutes"]
@@ -144,6 +178,19 @@ def report_again(verdict: Mapping[str, Any], say: Callable[[str], None]) -> str:
         raise IdentError(
             f"other effects are found now than verdict.json tells ({', '.join(told)}); run ident diagnose again"
         )
+    return html(found, dict(verdict))
+
+
+def _log_report_again(verdict: Mapping[str, Any], say: Callable[[str], None]) -> str:
+    """The same of a log."""
+    from ident.logs.diagnose import diagnose_log
+    from ident.logs.report import html
+    from ident.records.inputs import file_again
+    from ident.records.store import read_log
+
+    found = diagnose_log(read_log(file_again(verdict["input"])), say)
+    if [step.term.name for step in found.found.steps] != [effect["name"] for effect in verdict["effects"]]:
+        raise IdentError("other effects are found now than verdict.json tells; run ident diagnose again")
     return html(found, dict(verdict))
 
 

@@ -61,6 +61,62 @@ def gravity_rows(chain: Chain, q: Array, gravity: Array) -> Array:
     return out
 
 
+def torque_rows(chain: Chain, q: Array, v: Array, a: Array, gravity: Array) -> Array:
+    """Returns the rows with tau = rows . phi, phi all bodies' parameters: [m, n, 10 n] in the motion q, v, a [m, n].
+
+    tau = J(q) a + c(q, v) + G(q) are the joint torques [N m or N] of a rigid arm, without friction; `gravity` as in `gravity_rows`.
+    Newton-Euler in link frames (R. Featherstone, Rigid Body Dynamics Algorithms, 2008, DOI 10.1007/978-1-4899-7560-7).
+    """
+    out = np.zeros((len(q), chain.n, 10 * chain.n))
+    moves, quickens = (
+        np.zeros((len(q), 6)),
+        np.tile(np.append(np.zeros(3), -np.asarray(gravity, dtype=float)), (len(q), 1)),
+    )
+    for k, ((R, p), moving) in enumerate(zip(placements(chain, q), twists(chain, q), strict=True)):
+        unit = motion(chain, k)
+        own = unit * v[:, k, None]
+        moves = _carried(moves, R, p) + own
+        quickens = _carried(quickens, R, p) + unit * a[:, k, None] + _across(moves, own)
+        wrenches = momentum_rows(quickens) + _turning(moves, momentum_rows(moves))
+        out[:, : k + 1, 10 * k : 10 * k + 10] = moving @ wrenches
+    return out
+
+
+def momentum_rows(twist: Array) -> Array:
+    """Returns the rows [.., 6, 10] with which a body's parameters give its angular and linear momentum at a `twist` [.., 6]."""
+    omega, u = twist[..., :3], twist[..., 3:]
+    rows = np.zeros((*twist.shape, 10))
+    rows[..., 3:, 0] = u
+    for k, axis in enumerate(np.eye(3)):
+        rows[..., :3, 1 + k], rows[..., 3:, 1 + k] = np.cross(axis, u), np.cross(omega, axis)
+    for column, (x, y) in enumerate(MOMENTS):
+        rows[..., x, 4 + column] = omega[..., y]
+        rows[..., y, 4 + column] = omega[..., x]
+    return rows
+
+
+def _carried(twist: Array, R: Array, p: Array) -> Array:
+    """A twist [m, 6] of one body in the frame `R`, `p` of the next."""
+    omega, u = twist[:, :3], twist[:, 3:]
+    return np.concatenate([np.einsum("mab,ma->mb", R, x) for x in (omega, u + np.cross(omega, p))], axis=1)
+
+
+def _across(one: Array, other: Array) -> Array:
+    """The cross product of two twists [m, 6]."""
+    omega, u = one[:, :3], one[:, 3:]
+    return np.concatenate(
+        [np.cross(omega, other[:, :3]), np.cross(omega, other[:, 3:]) + np.cross(u, other[:, :3])], axis=1
+    )
+
+
+def _turning(twist: Array, momentum: Array) -> Array:
+    """How momenta [m, 6, c] in axes that move by a `twist` [m, 6] change by that alone."""
+    omega, u = twist[:, :3, None], twist[:, 3:, None]
+    angular, linear = momentum[:, :3], momentum[:, 3:]
+    turned = np.cross(omega, angular, axis=1) + np.cross(u, linear, axis=1)
+    return np.concatenate([turned, np.cross(omega, linear, axis=1)], axis=1)
+
+
 def frames(joints: Sequence[Joint], before: Array) -> Callable[[Array], Array]:
     """Returns the function that gives the frames of the base and all bodies [m, n + 1, 4, 4] at q [m, n], in the base frame.
 

@@ -100,6 +100,10 @@ class Model:
         rows = kinematics.gravity_stiffness_rows(self.chain, flat, np.asarray(gravity, dtype=float))
         return (rows * self.factoring.free).reshape(*np.shape(q)[:-1], *rows.shape[1:])
 
+    def torque_rows(self, q: Array, v: Array, a: Array, gravity: ArrayLike) -> Array:
+        """Rows over the bodies' parameters phi of the joint torques of the rigid arm: see `kinematics.torque_rows`."""
+        return kinematics.torque_rows(self.chain, q, v, a, np.asarray(gravity, dtype=float))
+
     def random_postures(self, count: int, rng: np.random.Generator) -> Array:
         """Postures [count, n], uniform within the joint limits."""
         low, high = self.chain.limits.T

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -48,6 +48,12 @@ def write_identified(
     return write_files(of_identification(identification, robot), directory)
 
 
+def write_links(arm: Identified, links: Links, directory: str | Path) -> tuple[Path, ...]:
+    """Writes what is known of an arm of which nothing but the `links` is: J.casadi, J.c and J.h, identified.urdf; see `write_files`."""
+    texts = {**source_of_J(arm.model, links.alpha, arm.model.chain.name), "identified.urdf": urdf(arm, links)}
+    return _placed(Path(directory), texts, lambda beside: write_J(arm.model, links.alpha, beside / "J.casadi"))
+
+
 def write_files(arm: Identified, directory: str | Path) -> tuple[Path, ...]:
     """Writes the arm into `directory` and returns the paths: every file complete or not at all.
 
@@ -64,6 +70,16 @@ def write_files(arm: Identified, directory: str | Path) -> tuple[Path, ...]:
         "identified.xml": mjcf(arm, links),
         "robot.toml": robot_toml(arm, _closeness(links)),
     }
+
+    def more(beside: Path) -> None:
+        write_J(model, links.alpha, beside / "J.casadi")
+        identified_arm.write(arm, beside / identified_arm.FILE)
+
+    return _placed(directory, texts, more)
+
+
+def _placed(directory: Path, texts: Mapping[str, str], more: Callable[[Path], None]) -> tuple[Path, ...]:
+    """Puts files with these texts, and those that `more` writes into a directory that it is given, into `directory`: all or none."""
     beside = directory / f".identified.{os.getpid()}.part"
     target = directory
     try:
@@ -71,8 +87,7 @@ def write_files(arm: Identified, directory: str | Path) -> tuple[Path, ...]:
         for name, text in texts.items():
             with (beside / name).open("w", encoding="utf-8", newline="") as file:
                 file.write(text)
-        write_J(model, links.alpha, beside / "J.casadi")
-        identified_arm.write(arm, beside / identified_arm.FILE)
+        more(beside)
         names = sorted(path.name for path in beside.iterdir())
         for name in names:
             target = directory / name

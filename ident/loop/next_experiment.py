@@ -82,6 +82,8 @@ def plan_next(result: str | Path, seed: int = 1) -> Next:
     """
     out = Path(result)
     verdict = _verdict(out)
+    if verdict["input"].get("kind") == "log":
+        raise IdentError(f"{out}: the verdict on a log; expected one on a campaign (ident export-excitation plans one)")
     wish, apart = wanted(verdict), unplayed(verdict, out)
     if wish is None:
         nothing = "Nothing is left to tell apart: no effect is confounded, nothing is unexplained."

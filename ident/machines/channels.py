@@ -295,7 +295,7 @@ def _excitation(channels: Sequence[Channel], path: Path) -> Excitation:
     if best is None:
         raise ImportingError(
             f"{path}: no channel is a multisine played twice or more; expected a periodic torque or current with lines "
-            "that stand out (a log of some other motion is no campaign)"
+            "that stand out (of another motion a map with [log] makes a log: ident import --keys)"
         )
     return best
 

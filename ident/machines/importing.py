@@ -41,7 +41,7 @@ class Imported:
 
 
 @dataclass(frozen=True)
-class _File:
+class SourceFile:
     """One file as read, and how it was recorded."""
 
     path: Path
@@ -91,6 +91,38 @@ class _File:
         shape = self.variables[signal.name].shape[:1]
         return {clock: t for clock, t in times.items() if t is not None and t.shape == shape and np.ptp(t) > 0}
 
+    def signal(self, joint: JointMap, key: str, use: slice, period: int, rest: float) -> Array:
+        """One signal of one joint in SI [T]: link angles joint side, all others motor side; `rest` is its posture."""
+        signal = joint.signals[key]
+        values = self.reading(signal, f"{joint.name}: {key}", use)
+        zero = values[-period:].mean() if signal.offset is None else signal.offset
+        values = (values - zero) * signal.scale
+        ratio = 1.0 if key == "link_angle" else joint.N
+        if signal.joint_side:
+            values = values / ratio if key == "torque" else values * ratio
+        return np.asarray(values + ratio * rest if signal.offset is None else values)
+
+    def one_clock(self, played: Signal, joints: Sequence[JointMap], use: slice, samples: int, fs: float) -> None:
+        """Raises ImportingError for a signal that is not of the reference's instants, as samples are paired by number."""
+        signals = {f"{joint.name}: {key}": signal for joint in joints for key, signal in joint.signals.items()}
+        if self.how.time is not None:
+            signals["time"] = self.how.time
+        ours = self.clocks(played)
+        for what, signal in signals.items():
+            if (found := len(self.samples(signal, what))) != samples:
+                raise self.error(f"{what}: {signal.name!r} has {found} samples, expected {samples} as {played.name!r}")
+            theirs = self.clocks(signal)
+            clock = next((clock for clock in _CLOCKS if clock in ours and clock in theirs), None)
+            if clock is None:
+                continue
+            late = (theirs[clock] - ours[clock])[use] * fs
+            k = int(np.argmax(np.abs(late)))
+            if abs(late[k]) > JITTER:
+                raise self.error(
+                    f"{what}: by {clock}, sample {use.start + k} of {signal.name!r} is {late[k]:+.3g} samples from that of "
+                    f"{played.name!r}, allowed {JITTER:g}; expected signals of the same instants"
+                )
+
 
 def import_files(mapping: Map, files: Sequence[str | Path]) -> Imported:
     """Returns the campaign whose records are the files, in this order, read as the map says.
@@ -105,7 +137,7 @@ def import_files(mapping: Map, files: Sequence[str | Path]) -> Imported:
     records, lines, notes = [], [], []
     rates: list[float] = []
     for k, path in enumerate(paths):
-        file = _File(path, read_variables(path), mapping.of(path))
+        file = SourceFile(path, read_variables(path), mapping.of(path))
         record, fs = _record(file, mapping, f"{k + 1:04d}", rates[0] if rates else None)
         rates.append(fs)
         if fs != rates[0]:
@@ -140,7 +172,7 @@ def import_files(mapping: Map, files: Sequence[str | Path]) -> Imported:
     return Imported(campaign, tuple(lines), tuple(notes))
 
 
-def _record(file: _File, mapping: Map, id: str, first: float | None) -> tuple[Record, float]:
+def _record(file: SourceFile, mapping: Map, id: str, first: float | None) -> tuple[Record, float]:
     """The record, and its sampling rate [Hz]; `first` is that of the first file."""
     how, joints = file.how, mapping.joints
     names = [joint.name for joint in joints]
@@ -155,7 +187,7 @@ def _record(file: _File, mapping: Map, id: str, first: float | None) -> tuple[Re
     periods = _periods(file, samples - how.skip, period)
     use = slice(how.skip, how.skip + periods * period)
     fs = _sampling_rate(file, use, samples, first)
-    _one_clock(file, played, joints, use, samples, fs)
+    file.one_clock(played, joints, use, samples, fs)
     if how.f0 is not None and abs(how.f0 * period - fs) > _SAME * fs:
         raise file.error(f"f0_Hz = {how.f0:g} is not sampling rate / period = {fs:g} / {period} = {fs / period:g} Hz")
     lines = _lines(file, file.reading(played, "reference", use), period)
@@ -164,7 +196,7 @@ def _record(file: _File, mapping: Map, id: str, first: float | None) -> tuple[Re
     def columns(key: str) -> Array | None:
         if key not in joints[0].signals or key not in joints[-1].signals:
             return None
-        chosen = [_signal(file, joint, key, use, period, rest) for joint, rest in zip(joints, posture, strict=True)]
+        chosen = [file.signal(joint, key, use, period, rest) for joint, rest in zip(joints, posture, strict=True)]
         return np.stack(chosen, axis=1)
 
     tau, theta = columns("torque"), columns("motor_angle")
@@ -186,41 +218,7 @@ def _record(file: _File, mapping: Map, id: str, first: float | None) -> tuple[Re
     return record, fs
 
 
-def _signal(file: _File, joint: JointMap, key: str, use: slice, period: int, rest: float) -> Array:
-    """One signal of one joint in SI [T]: link angles joint side, all others motor side; `rest` is its posture."""
-    signal = joint.signals[key]
-    values = file.reading(signal, f"{joint.name}: {key}", use)
-    zero = values[-period:].mean() if signal.offset is None else signal.offset
-    values = (values - zero) * signal.scale
-    ratio = 1.0 if key == "link_angle" else joint.N
-    if signal.joint_side:
-        values = values / ratio if key == "torque" else values * ratio
-    return np.asarray(values + ratio * rest if signal.offset is None else values)
-
-
-def _one_clock(file: _File, played: Signal, joints: Sequence[JointMap], use: slice, samples: int, fs: float) -> None:
-    """Raises ImportingError for a signal that is not of the reference's instants, as samples are paired by number."""
-    signals = {f"{joint.name}: {key}": signal for joint in joints for key, signal in joint.signals.items()}
-    if file.how.time is not None:
-        signals["time"] = file.how.time
-    ours = file.clocks(played)
-    for what, signal in signals.items():
-        if (found := len(file.samples(signal, what))) != samples:
-            raise file.error(f"{what}: {signal.name!r} has {found} samples, expected {samples} as {played.name!r}")
-        theirs = file.clocks(signal)
-        clock = next((clock for clock in _CLOCKS if clock in ours and clock in theirs), None)
-        if clock is None:
-            continue
-        late = (theirs[clock] - ours[clock])[use] * fs
-        k = int(np.argmax(np.abs(late)))
-        if abs(late[k]) > JITTER:
-            raise file.error(
-                f"{what}: by {clock}, sample {use.start + k} of {signal.name!r} is {late[k]:+.3g} samples from that of "
-                f"{played.name!r}, allowed {JITTER:g}; expected signals of the same instants"
-            )
-
-
-def _sampling_rate(file: _File, use: slice, samples: int, first: float | None = None) -> float:
+def _sampling_rate(file: SourceFile, use: slice, samples: int, first: float | None = None) -> float:
     """The sampling rate [Hz], from time stamps where there are any; samples dropped on the way are named.
 
     A rate that differs from the `first` file's by no more than clocks do is that one.
@@ -260,11 +258,18 @@ def _sampling_rate(file: _File, use: slice, samples: int, first: float | None = 
             f"time: sample {use.start + worst} is {(t[worst] - grid[worst]) / Ts:+.2g} samples from an even grid, "
             f"allowed {JITTER:g}"
         )
-    likely = (float(f"{measured:.4g}"),) if first is None else (first, float(f"{measured:.4g}"))
-    return how.fs or next((near for near in likely if abs(measured - near) <= _ROUND * near), measured)
+    if first is not None and abs(measured - first) <= _ROUND * first:
+        return how.fs or first
+    return how.fs or rounded_rate(measured, _ROUND)
 
 
-def _period(file: _File, played: Signal, samples: int) -> int:
+def rounded_rate(measured: float, within: float) -> float:
+    """The round sampling rate [Hz] `within` this share of a measured one; else that itself."""
+    near = float(f"{measured:.4g}") if within <= _ROUND else float(f"{measured:.3g}")
+    return near if abs(measured - near) <= within * near else measured
+
+
+def _period(file: SourceFile, played: Signal, samples: int) -> int:
     """Samples a period: said, or found from all behind skip_samples, where then none may be dropped."""
     if file.how.period != AUTO:
         return int(file.how.period)
@@ -278,7 +283,7 @@ def _period(file: _File, played: Signal, samples: int) -> int:
     return period
 
 
-def _periods(file: _File, samples: int, period: int) -> int:
+def _periods(file: SourceFile, samples: int, period: int) -> int:
     there = max(samples, 0) // period
     wanted = there if file.how.periods is None else file.how.periods
     if not 2 <= wanted <= there:
@@ -286,7 +291,7 @@ def _periods(file: _File, samples: int, period: int) -> int:
     return wanted
 
 
-def _lines(file: _File, reference: Array, period: int) -> NDArray[np.int64]:
+def _lines(file: SourceFile, reference: Array, period: int) -> NDArray[np.int64]:
     if not isinstance(file.how.lines, str):
         lines = np.array(file.how.lines, dtype=np.int64)
         if 2 * lines[-1] >= period:
@@ -300,7 +305,7 @@ def _lines(file: _File, reference: Array, period: int) -> NDArray[np.int64]:
     return found
 
 
-def _posture(file: _File, joints: Sequence[JointMap], use: slice, period: int) -> Array:
+def _posture(file: SourceFile, joints: Sequence[JointMap], use: slice, period: int) -> Array:
     """The link angles at rest [n, rad]: said, or the mean of the motor angles over the last period."""
     posture = file.how.posture
     if posture is None:
@@ -310,7 +315,7 @@ def _posture(file: _File, joints: Sequence[JointMap], use: slice, period: int) -
     for joint in joints:
         if joint.signals["motor_angle"].offset is None:
             raise file.error(f'{joint.name}: posture_rad "measured" and offset "posture" take each from the other')
-    angles = [_signal(file, joint, "motor_angle", use, period, 0.0)[-period:].mean() / joint.N for joint in joints]
+    angles = [file.signal(joint, "motor_angle", use, period, 0.0)[-period:].mean() / joint.N for joint in joints]
     return np.array(angles)
 
 

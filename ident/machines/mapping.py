@@ -40,6 +40,9 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "source": "where the records come from, in words",
         "hold": "\"zoh\": the torque is a command, held between samples; \"band-limited\": it is measured, behind a filter",
     },
+    "log": {
+        "source": "in the place of [campaign]: trajectories instead of multisines, joints taken as rigid; where they come from, in words",
+    },
     "robot": {
         "urdf": "the declared robot, a path relative to the map; without one the joints below stand in, one link each",
         "joints": "the driven joints, base to tip (default: all that move in the URDF)",
@@ -83,6 +86,12 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "lines": "excited harmonics: a list, \"first:last\", \"first:step:last\" or \"auto\" (default): from the reference",
         "reference": "signal: commanded excitation, to find period and lines from (default: the excited joint's "
         "torque); all other signals are of as many samples and of the same instants",
+    },
+    "record of a log": {
+        "sample_rate_Hz": "sampling rate; or time",
+        "time": "signal: time of every sample; where its steps are not even, signals are interpolated",
+        "skip_samples": "samples before the first one to take (default 0)",
+        "samples": "how many to take (default: all)",
     },
     "file": {"any key of [record]": "overrides it for the file of that name"},
 }  # fmt: skip
@@ -140,11 +149,13 @@ class RecordMap:
     skip: int = 0
     lines: tuple[int, ...] | str = AUTO
     reference: Signal | None = None
+    samples: int | None = None
 
 
 @dataclass(frozen=True)
 class Map:
-    """A whole map.toml: `urdf` text, joints base to tip, `record` for every file and `files` {name: RecordMap}."""
+    """A whole map.toml: `urdf` text, joints base to tip, `record` for every file and `files` {name: RecordMap}; `is_log` where files are
+    trajectories."""
 
     path: Path
     source: str
@@ -154,6 +165,7 @@ class Map:
     joints: tuple[JointMap, ...]
     record: RecordMap
     files: Mapping[str, RecordMap] = field(default_factory=dict)
+    is_log: bool = False
 
     def of(self, file: Path) -> RecordMap:
         """The record in `file`: what is said of all, overridden by what is said of the file of that name."""
@@ -164,9 +176,12 @@ def load_map(path: str | Path) -> Map:
     """Returns the map in the TOML file. ImportingError, one line naming file, table and key, for whatever is not one."""
     path = Path(path)
     document = Table(str(path), read_toml(path))
-    document.known(("campaign", "robot", "joint", "record", "file"), ("robot", "joint", "record"))
-    campaign, robot = document.table("campaign"), document.table("robot")
-    campaign.known(KEYS["campaign"], ("hold",))
+    document.known(("campaign", "log", "robot", "joint", "record", "file"), ("robot", "joint", "record"))
+    is_log = "log" in document.values
+    if is_log and "campaign" in document.values:
+        raise document.error("found both [campaign] and [log], expected one of them")
+    campaign, robot = document.table("log" if is_log else "campaign"), document.table("robot")
+    campaign.known(KEYS["log" if is_log else "campaign"], () if is_log else ("hold",))
     robot.known(KEYS["robot"], ())
     tables = document.table("joint")
     if not tables.values:
@@ -187,17 +202,18 @@ def load_map(path: str | Path) -> Map:
         gravity = (0.0, 0.0, 0.0)
     else:
         gravity = (0.0, 0.0, -9.81)
-    record = _record(document.table("record"), RecordMap(), names)
+    record = _record(document.table("record"), RecordMap(), names, is_log)
     files = document.table("file")
     return Map(
         path=path,
         source=campaign.get("source", text, "a measured machine"),
-        hold=campaign.get("hold", choice(*HOLDS), ""),
+        hold=campaign.get("hold", choice(*HOLDS), HOLDS[0]),
         urdf=urdf,
         gravity=robot.get("gravity_m_per_s2", numbers(3), gravity),
         joints=joints,
         record=record,
-        files={name: _record(files.table(name), record, names) for name in files.values},
+        files={name: _record(files.table(name), record, names, is_log) for name in files.values},
+        is_log=is_log,
     )
 
 
@@ -273,8 +289,8 @@ def _signal(table: Table, key: str) -> Signal | None:
     )  # fmt: skip
 
 
-def _record(table: Table, base: RecordMap, joints: Sequence[str]) -> RecordMap:
-    table.known(KEYS["record"], ())
+def _record(table: Table, base: RecordMap, joints: Sequence[str], is_log: bool) -> RecordMap:
+    table.known(KEYS["record of a log" if is_log else "record"], ())
     found: dict[str, Any] = {}
 
     def take(key: str, name: str, check: Check) -> None:
@@ -288,6 +304,7 @@ def _record(table: Table, base: RecordMap, joints: Sequence[str]) -> RecordMap:
     take("f0_Hz", "f0", positive)
     take("periods", "periods", whole(1))
     take("skip_samples", "skip", whole(0))
+    take("samples", "samples", whole(2))
     take("lines", "lines", either(AUTO, lines_of))
     for key in ("time", "reference"):
         if key in table.values:

@@ -52,11 +52,12 @@ def told(paths: Sequence[str | Path]) -> dict[str, Any]:
 
 def again(given: Mapping[str, Any]) -> Campaign:
     """Returns the campaign of the files that `told` told of. IdentError for one that is gone or has changed since."""
-    return joined([_file(one) for one in (given, *given.get("more_files", ()))])
+    return joined([file_again(one) for one in (given, *given.get("more_files", ()))])
 
 
-def _file(given: Mapping[str, Any]) -> Path:
-    """Where a file is now: as it was named, or where it was; another file of its name is passed by."""
+def file_again(given: Mapping[str, Any]) -> Path:
+    """Returns where a file that `told` told of is now: as it was named, or where it was; another file of its name is passed by. IdentError for one
+    that is gone or has changed since."""
     there = [path for path in (Path(given["file"]), Path(given.get("path", given["file"]))) if path.is_file()]
     for path in there:
         if hashlib.sha256(path.read_bytes()).hexdigest() == given["sha256"]:

@@ -1,4 +1,4 @@
-"""The campaign file: a `Campaign` as HDF5 and back, format "frf-campaign", version 1."""
+"""The campaign file, format "frf-campaign", and the log of trajectories, format "joint-log": objects as HDF5 and back, version 1 each."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from ident.errors import CampaignError, message, short
 from ident.records.campaign import Array, Campaign, Record
 from ident.records.campaign_rules import OPTIONAL, check_campaign, damping
 from ident.records.hdf5_node import DAMAGE, Node
+from ident.records.log import Log, Trajectory, check_log
 
-FORMAT, VERSION = "frf-campaign", 1
+FORMAT, LOG, VERSION = "frf-campaign", "joint-log", 1
 
 _GZIP = 1  # every HDF5 reader has it; level 4 saves 5 % of the space and takes half as long again
 _CHUNK_BYTES = 2**18  # a few chunks a period: cheap to read in part, and below h5py's chunk cache
@@ -33,6 +34,13 @@ def write_campaign(campaign: Campaign, path: str | os.PathLike[str]) -> None:
     path = Path(path)
     check_campaign(campaign, str(path))
     _replace(path, lambda file: _write(file, campaign))
+
+
+def write_log(log: Log, path: str | os.PathLike[str]) -> None:
+    """Writes the log, complete or not at all. CampaignError, one line, if it breaks a rule or the file can not be written."""
+    path = Path(path)
+    check_log(log, str(path))
+    _replace(path, lambda file: _write_log(file, log))
 
 
 def join_campaigns(parts: Sequence[Path], path: str | os.PathLike[str], made_from: str = "") -> None:
@@ -122,7 +130,29 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
 
     CampaignError, one line naming file, group, field and rule, for whatever is not a sound campaign file.
     """
-    path = Path(path)
+    campaign = _opened(Path(path), _read)
+    check_campaign(campaign, str(path))
+    return campaign
+
+
+def read_log(path: str | os.PathLike[str]) -> Log:
+    """Returns the log in the file; trajectories sorted by id, whatever else is in it ignored. Errors as in `read_campaign`."""
+    log = _opened(Path(path), _read_log)
+    check_log(log, str(path))
+    return log
+
+
+def is_log(path: str | os.PathLike[str]) -> bool:
+    """Whether the file says that it is a log; False where it says nothing or can not be read."""
+    try:
+        with h5py.File(path, "r") as file:
+            return str(file.attrs.get("format", "")) == LOG
+    except DAMAGE:
+        return False
+
+
+def _opened(path: Path, read: Callable[[h5py.File, str], Any]) -> Any:
+    """What `read` makes of a file. CampaignError, one line, for one that can not be read."""
     try:
         if path.is_dir():
             raise CampaignError(f"{path}: is a directory; expected a campaign file")
@@ -136,11 +166,9 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         raise CampaignError(f"{path}: not an HDF5 file; expected a campaign file")
     try:
         with h5py.File(path, "r") as file:
-            campaign = _read(file, str(path))
+            return read(file, str(path))
     except DAMAGE as error:
         raise CampaignError(f"{path}: damaged: {message(error)}") from None
-    check_campaign(campaign, str(path))
-    return campaign
 
 
 # writing --------------------------------------------------------------------------------------------------------------
@@ -149,10 +177,7 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
 def _write(file: h5py.File, c: Campaign) -> None:
     file.attrs.update(format=FORMAT, version=VERSION, source=c.source, fs_hz=c.fs, hold=c.hold)
     file.attrs[_TEXT_CHECK] = _checksum(c.urdf, c.source, c.hold)
-    file.create_group("robot")["urdf"] = c.urdf  # a group that comes with its first child would keep the time
-    names = [name.encode() for name in c.joints]
-    kind = h5py.string_dtype("utf-8", max(map(len, names)))  # of fixed length: stored, and so checked, with the dataset
-    file.create_dataset("robot/joint_names", data=names, dtype=kind, chunks=True, compression=_GZIP, fletcher32=True)
+    _robot(file, c.urdf, c.joints)
     for name, values in (("gear_ratio", c.N), ("motor_inertia", c.J_m), ("stiffness", c.K), ("gravity", c.gravity)):
         _array(file, f"drive/{name}", values)
     for name, D in damping(c):
@@ -175,6 +200,25 @@ def _write(file: h5py.File, c: Campaign) -> None:
                 _array(group, name, getattr(record, name))
 
 
+def _write_log(file: h5py.File, log: Log) -> None:
+    file.attrs.update(format=LOG, version=VERSION, source=log.source, fs_hz=log.fs)
+    file.attrs[_TEXT_CHECK] = _checksum(log.urdf, log.source)
+    _robot(file, log.urdf, log.joints)
+    for name, values in (("gear_ratio", log.N), ("motor_inertia", log.J_m), ("gravity", log.gravity)):
+        _array(file, f"drive/{name}", values)
+    for one in log.trajectories:
+        group = file.create_group(f"trajectories/{one.id}")
+        _array(group, "q", one.q)
+        _array(group, "tau", one.tau)
+
+
+def _robot(file: h5py.File, urdf: str, joints: Sequence[str]) -> None:
+    file.create_group("robot")["urdf"] = urdf  # a group that comes with its first child would keep the time
+    names = [name.encode() for name in joints]
+    kind = h5py.string_dtype("utf-8", max(map(len, names)))  # of fixed length: stored, and so checked, with the dataset
+    file.create_dataset("robot/joint_names", data=names, dtype=kind, chunks=True, compression=_GZIP, fletcher32=True)
+
+
 def _array(group: h5py.Group, name: str, values: Array) -> None:
     rows = max(1, _CHUNK_BYTES // values[:1].nbytes)
     chunks = (min(len(values), rows), *values.shape[1:])
@@ -188,13 +232,20 @@ def _checksum(*texts: str) -> int:
 # reading --------------------------------------------------------------------------------------------------------------
 
 
-def _read(file: h5py.File, where: str) -> Campaign:
+def _root(file: h5py.File, where: str, format: str) -> Node:
+    """The file itself, which says that it is of this format."""
     root = Node(file, where)
-    if (found := root.attribute("format")) != FORMAT:
-        raise root.error("format", f"found {short(found)}, expected {FORMAT!r}")
+    if (found := root.attribute("format")) != format:
+        log = " (ident diagnose reads logs of trajectories)" if found == LOG else ""
+        raise root.error("format", f"found {short(found)}, expected {format!r}{log}")
     if (version := root.number("version")) != VERSION:
         why = ", a version from the future" if version > VERSION else ""
         raise root.error("version", f"found {version:g}{why}; this program reads {VERSION}")
+    return root
+
+
+def _read(file: h5py.File, where: str) -> Campaign:
+    root = _root(file, where, FORMAT)
     joints = root.strings("robot/joint_names", ndim=1)
     n = len(joints)
     experiments = root.below("experiments")
@@ -213,6 +264,30 @@ def _read(file: h5py.File, where: str) -> Campaign:
         source=source,
         records=tuple(_read_record(experiments.below(id), id, n) for id in sorted(experiments.group)),
     )
+
+
+def _read_log(file: h5py.File, where: str) -> Log:
+    root = _root(file, where, LOG)
+    joints = root.strings("robot/joint_names", ndim=1)
+    n = len(joints)
+    urdf, source = root.strings("robot/urdf", ndim=0), root.string("source")
+    _verify(root, urdf, source)
+    runs = root.below("trajectories")
+    return Log(
+        urdf=urdf,
+        joints=tuple(joints),
+        fs=root.number("fs_hz"),
+        N=root.array("drive/gear_ratio", (n,)),
+        J_m=root.array("drive/motor_inertia", (n,)),
+        gravity=root.array("drive/gravity", (3,)),
+        source=source,
+        trajectories=tuple(_read_trajectory(runs.below(id), id, n) for id in sorted(runs.group)),
+    )
+
+
+def _read_trajectory(node: Node, id: str, n: int) -> Trajectory:
+    samples = int(node.dataset("q").shape[0]) if node.dataset("q").ndim else 0
+    return Trajectory(id, node.array("q", (samples, n)), node.array("tau", (samples, n)))
 
 
 def _read_record(node: Node, id: str, n: int) -> Record:

@@ -1,4 +1,4 @@
-"""What gravity asks of the motors, as rows over the bodies' parameters and as numbers, judged by pinocchio."""
+"""What gravity and motion ask of the motors, as rows over the bodies' parameters and as numbers, judged by pinocchio."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symgen.chain import Chain
-from symgen.kinematics import gravity_forces, gravity_rows
+from symgen.kinematics import gravity_forces, gravity_rows, torque_rows
 
 
 @settings(derandomize=True, deadline=None, max_examples=50)
@@ -24,3 +24,17 @@ def test_gravity_is_pinocchios(chain: Chain, seed: int) -> None:
     bound = 1e-12 * np.abs(expected).max()
     assert np.abs(gravity_forces(chain, gravity)(q) - expected).max() <= bound
     assert np.abs(gravity_rows(chain, q, gravity) @ chain.parameters - expected).max() <= bound
+
+
+@settings(derandomize=True, deadline=None, max_examples=50)
+@given(chains(2, 6), st.integers(0, 99))
+def test_torques_in_motion_are_pinocchios(chain: Chain, seed: int) -> None:
+    q = postures(chain, 5, seed)
+    rng = np.random.default_rng(seed)
+    v, a, gravity = rng.normal(size=q.shape), rng.normal(size=q.shape), rng.normal(size=3)
+    model = model_of(chain)
+    model.gravity.linear = gravity
+    data = model.createData()
+    expected = np.array([pin.rnea(model, data, *one) for one in zip(q, v, a, strict=True)])
+    found = torque_rows(chain, q, v, a, gravity) @ chain.parameters
+    assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()

@@ -1,0 +1,102 @@
+"""The loop on a log: what the declared rigid arm lacks, added to it; the errors before and after on what nothing else has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ident.identification.physical import pseudo_inertia
+from ident.logs.equations import Equations, Fit, Part, equations
+from ident.logs.moves import Bands, moves
+from ident.logs.search import Found, searched
+from ident.logs.terms import sizes, terms
+from ident.records.log import Array, Log
+from symgen.plan import Model, model_of_urdf
+
+#: Held-out error, of noise alone, up to which a log is explained.
+EXPLAINED = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class LogDiagnosis:
+    """What was found in a log. `status` is "explained", "effect-found" or "unexplained"; `before` the declared arm and `found.end` the corrected one,
+    both as they are judged on `equations.report`."""
+
+    log: Log
+    model: Model
+    bands: Bands
+    equations: Equations
+    found: Found
+
+    @property
+    def before(self) -> Fit:
+        return self.found.start
+
+    @property
+    def after(self) -> Fit:
+        return self.found.end
+
+    @cached_property
+    def noise(self) -> Array:
+        """What noise alone leaves [n, rms, N m] of the torques: of a motion that was repeated what its repetitions leave otherwise; else what is above
+        the equations' band, were it as strong within."""
+        e = self.equations
+        apart = [
+            other - one
+            for part in (e.fit, e.select, e.report)
+            for one, other in _again(part, self.after.left(part), e.repeats)
+        ]
+        return np.sqrt(np.mean(np.concatenate(apart) ** 2, axis=0) / 2) if apart else e.noise
+
+    @property
+    def status(self) -> str:
+        if self.found.errors[-1] > EXPLAINED * share(self.noise**2, self.equations.report):
+            return "unexplained"
+        return "effect-found" if self.found.steps else "explained"
+
+    @cached_property
+    def parameters(self) -> tuple[Array, Array]:
+        """The links' inertial parameters [10 n] as found, and their covariance: of the declared ones where none was found to be off."""
+        phi, covariance = self.model.chain.parameters.reshape(-1).copy(), np.zeros((10 * self.log.n,) * 2)
+        size, at = sizes(self.model), 0
+        for term, x in self.equations.told(self.after.terms, self.after.coefficients):
+            own, at = slice(at, at + len(x)), at + len(x)
+            if term.width:
+                phi += size * x
+                covariance += np.outer(size, size) * self.after.covariance[own, own]
+            elif term.name == "payload":
+                last = slice(10 * (self.log.n - 1), 10 * (self.log.n - 1) + 4)
+                phi[last] += x
+                covariance[last, last] += self.after.covariance[own, own]
+        return phi, covariance
+
+    @property
+    def bodies(self) -> bool:
+        """Whether there can be links with these parameters."""
+        return bool(np.linalg.eigvalsh(pseudo_inertia(self.parameters[0].reshape(-1, 10))).min() > 0.0)
+
+
+def diagnose_log(log: Log, say: Callable[[str], None] = lambda line: None) -> LogDiagnosis:
+    """Returns what the declared arm of a log lacks. IdentError, one line: trajectories that are too short, in which nothing moves."""
+    model = model_of_urdf(log.urdf, log.joints)
+    moved = moves(log)
+    made = equations(log, model, moved, terms(log, model, moved))
+    return LogDiagnosis(log, model, moved[0].bands, made, searched(made, say))
+
+
+def _again(part: Part, left: Array, repeats: Sequence[tuple[str, str]]) -> Iterator[tuple[Array, Array]]:
+    """What is left of the same piece of a motion, once and again."""
+    ends = np.cumsum([span.samples for span in part.spans])
+    pieces = {span.id: left[end - span.samples : end] for span, end in zip(part.spans, ends, strict=True)}
+    for one, other in repeats:
+        if one in pieces and other in pieces:
+            size = min(len(pieces[one]), len(pieces[other]))
+            yield pieces[one][:size], pieces[other][:size]
+
+
+def share(power: Array, part: Part) -> float:
+    """What powers [n] left of the joints are of all torques of a part, relative rms."""
+    return float(np.sqrt(np.sum(power) / np.sum(np.mean(part.tau**2, axis=0))))

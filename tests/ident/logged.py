@@ -1,0 +1,80 @@
+"""Logs of simulated rigid arms: Fourier trajectories, torques by Newton-Euler and what acts besides, noise, encoder counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.records.log import Log, Trajectory
+from symgen.plan import chain_of_file, model_of_urdf
+
+Array = NDArray[np.float64]
+
+ROBOTS = Path(__file__).parents[2] / "robots"
+GRAVITY = np.array([0.0, 0.0, -9.81])
+N, J_M, FS, SECONDS, COUNTS = 50.0, 1e-4, 500.0, 20.0, 2**17
+#: Noise of the torques, relative to how much each varies in the first trajectory.
+NOISE = 0.01
+
+
+@dataclass(frozen=True)
+class Moved:
+    """One joint in motion: q, v, a, and the torque `load` of its link, `tau` of link and rotor [T]; `typical` sizes of these in the first trajectory, in
+    this order."""
+
+    q: Array
+    v: Array
+    a: Array
+    load: Array
+    tau: Array
+    typical: tuple[float, ...]
+
+
+def log(
+    acts: Callable[[Moved], Array] | None = None, joint: int = 1, *, robot: str = "ypp3_general", runs: int = 3, off: float = 0.0,
+    noise: float = NOISE, seed: int = 0,
+) -> Log:  # fmt: skip
+    """A log of `runs` trajectories in which `acts` gives what has to be added to the torque of a `joint`; the masses of the links are `off` by that
+    share (rms)."""
+    rng = np.random.default_rng(seed)
+    chain, _ = chain_of_file(ROBOTS / robot / f"{robot}.urdf")
+    model = model_of_urdf(chain.source, chain.names)
+    n = chain.n
+    phi = (chain.parameters.reshape(n, 10) * (1.0 + off * rng.normal(size=(n, 1)))).ravel()
+    typical: tuple[float, ...] = ()
+    scatter = np.zeros(n)
+    trajectories = []
+    for k in range(runs):
+        q, v, a = _fourier(n, rng)
+        load = model.torque_rows(q, v, a, GRAVITY) @ phi
+        tau = load + N * N * J_M * a
+        own = [x[:, joint] for x in (q, v, a, load, tau)]
+        typical = typical or tuple(float(x.std()) for x in own)
+        scatter = noise * tau.std(axis=0) if k == 0 else scatter
+        if acts is not None:
+            tau[:, joint] += acts(Moved(*own, typical))
+        tau += scatter * rng.normal(size=tau.shape)
+        step = 2 * np.pi / COUNTS / N
+        trajectories.append(Trajectory(f"{k + 1:04d}", step * np.round(q / step), tau))
+    return Log(
+        chain.source, chain.names, FS, np.full(n, N), np.full(n, J_M), GRAVITY, "a simulated arm", tuple(trajectories)
+    )
+
+
+def _fourier(
+    n: int, rng: np.random.Generator, harmonics: int = 5, f0: float = 0.1, swing: float = 0.8
+) -> tuple[Array, Array, Array]:
+    t = np.arange(int(SECONDS * FS)) / FS
+    q, v, a = (np.zeros((len(t), n)) for _ in range(3))
+    for h in range(1, harmonics + 1):
+        w = 2 * np.pi * f0 * h
+        sine, cosine = swing / harmonics / np.sqrt(h) * rng.normal(size=(2, n))
+        s, c = np.sin(w * t)[:, None], np.cos(w * t)[:, None]
+        q += s * sine + c * cosine
+        v += w * (c * sine - s * cosine)
+        a -= w * w * (s * sine + c * cosine)
+    return q + rng.uniform(-0.5, 0.5, n), v, a
