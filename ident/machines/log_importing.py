@@ -15,6 +15,8 @@ from ident.records.log import Array, Log, Trajectory
 
 #: Time stamps further apart than this many samples leave a hole that nothing is interpolated over.
 GAP = 3.5
+#: A step of so many usual ones is more than one.
+LONG = 2.2
 #: Least samples that a trajectory has.
 LEAST = 100
 
@@ -106,8 +108,8 @@ def _times(file: SourceFile, use: slice, samples: int) -> tuple[Array | None, fl
     if (step <= 0).any():
         k = int(np.argmax(step <= 0))
         raise file.error(f"time: {how.time.name!r} does not increase after sample {use.start + k}, at {t[k]:.6g} s")
-    steps = np.maximum(np.round(step / np.median(step)), 1.0)
-    measured = float(np.sum(steps)) / float(t[-1] - t[0])
+    long = step[step > LONG * np.median(step)] / np.median(step)
+    measured = float(len(step) + np.sum(np.round(long) - 1.0)) / float(t[-1] - t[0])
     fs = how.fs or rounded_rate(measured, CLOCK)
     if abs(measured - fs) > 0.5 * fs:
         raise file.error(f"time stamps say {measured:.6g} Hz, sample_rate_Hz = {fs:g}; expected one rate")
