@@ -110,9 +110,11 @@ def searched(equations: Equations, say: Callable[[str], None] = lambda line: Non
     start = fitted(equations, equations.fit, ())
     beside = _Beside(equations, start)
     free = [beside.with_((term,)) for term in _candidates(equations, ()) if term.width]
-    likely = max((move for move in free if move is not None), key=lambda move: move.worth)
-    ends = [_from(equations, start, say), _from(equations, beside.fit(likely), say)]
-    now = ends[int(_worth(equations, *ends) > 0.0)]
+    likely = max(
+        (move for move in free if move is not None and move.worth > 0.0), key=lambda move: move.worth, default=None
+    )
+    ends = [_from(equations, start, say)] + ([_from(equations, beside.fit(likely), say)] if likely else [])
+    now = max(ends, key=lambda end: _worth(equations, start, end))
     both = Part.of([equations.fit, equations.select])
     order = _in_order(equations, now.terms)
     errors = tuple(relative(fitted(equations, both, order[:k]), equations.report) for k in range(len(order) + 1))
