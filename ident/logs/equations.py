@@ -27,6 +27,8 @@ CURVED = 0.1
 SAME = 0.1
 #: Pieces of time of a part that are looked at by themselves.
 BLOCKS = 16
+#: What is left up to so many times the noise is noise.
+SLACK = 1.15
 #: No torque is explained better than to this part of it: joints are not rigid.
 LEAST = 3e-4
 
@@ -83,9 +85,9 @@ class Equations:
     @cached_property
     def floor(self) -> Array:
         """What of the joints' torques [n, rms, N m] no effect is looked for in: noise, and the part that no rigid joint explains."""
-        return np.maximum(self.noise, LEAST * np.sqrt(np.mean(self.fit.tau**2, axis=0)))
+        return np.maximum(SLACK * self.noise, LEAST * np.sqrt(np.mean(self.fit.tau**2, axis=0)))
 
-    def columns(self, chosen: Sequence[Term]) -> Array:
+    def columns(self, chosen: Sequence[Term]) -> NDArray[np.int64]:
         """Numbers of the columns of some of the terms, whatever their width."""
         return np.concatenate([np.zeros(0, dtype=int), *(self._places[term.key] for term in chosen)])
 
@@ -123,7 +125,7 @@ class Fit:
     (rms, N m)."""
 
     terms: tuple[Term, ...]
-    columns: Array
+    columns: NDArray[np.int64]
     coefficients: Array
     covariance: Array
     sigma: Array

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ident.effects.catalogue import CATALOGUE
 from ident.logs.equations import Equations, Fit, Part, fitted
@@ -25,6 +26,8 @@ PRICE, NAMELESS, CURVE = 0.05, 0.1, 2
 CERTAIN = 2.0
 #: Moves that are looked at the other way round, the best ones.
 TRIED = 5
+#: Terms that take most of the fitted squares are weighed anew: where one joint is off by much, others hold what all depend on.
+REWEIGHED = 10
 #: The best terms of a joint of which pairs are tried.
 PAIRED = 8
 #: A term is not told from another one that takes as much but for this share.
@@ -88,14 +91,33 @@ class _Beside:
         self._X = equations.select.X - equations.select.X[..., own] @ across
 
     def with_(self, added: Terms) -> _Move | None:
-        """What terms beside the model are worth; None where their numbers are out of bounds."""
+        """What terms beside the model are worth, joints weighed as they are; None where their numbers are out of bounds."""
+        at, x = self._solved(added)
+        if not all(_possible(term, own) for term, own in self.equations.told(added, x)):
+            return None
+        return self._worth(added, self.before - self._X[..., at] @ x)
+
+    def weighed_anew(self, added: Terms) -> _Move | None:
+        """The same, joints weighed by what is left of them with these terms."""
+        fit = fitted(self.equations, self.equations.fit, (*self.now.terms, *added))
+        if not all(_possible(term, own) for term, own in self.equations.told(fit.terms, fit.coefficients)):
+            return None
+        return self._worth(added, fit.left(self.equations.select))
+
+    def fall(self, added: Terms) -> float:
+        """What terms take of the weighted squares of the part that fits."""
+        at, x = self._solved(added)
+        return float(self._b[at] @ x)
+
+    def _solved(self, added: Terms) -> tuple[NDArray[np.int64], Array]:
         at = self.equations.columns(added)
         prior = np.concatenate([self.equations.prior(term) for term in added])
         H = self._G[np.ix_(at, at)] * np.outer(prior, prior) + np.eye(len(at))
-        x = prior * np.linalg.lstsq(H, prior * self._b[at])[0]  # columns may be combinations of what is there
-        if not all(_possible(term, own) for term, own in self.equations.told(added, x)):
-            return None
-        won = gain(self.equations.select, self.before, self.before - self._X[..., at] @ x, self.equations.floor)
+        x, *_ = np.linalg.lstsq(H, prior * self._b[at])  # columns may be combinations of what is there
+        return at, np.asarray(prior * x)
+
+    def _worth(self, added: Terms, left: Array) -> _Move:
+        won = gain(self.equations.select, self.before, left, self.equations.floor)
         return _Move(added, won, won.power - sum(map(_price, added)))
 
     def fit(self, move: _Move) -> Fit:
@@ -167,9 +189,9 @@ def _price(term: Term) -> float:
 
 def _best(beside: _Beside, named: bool) -> _Move | None:
     """The move that is worth most, if any is worth something: of terms that are `named`, or of curves."""
-    there = _candidates(beside.equations, beside.now.terms)
-    tried = (beside.with_((term,)) for term in there if (term.name != "unknown") == named)
-    singles = [move for move in tried if move is not None]
+    there = [(term,) for term in _candidates(beside.equations, beside.now.terms) if (term.name != "unknown") == named]
+    singles = [move for move in map(beside.with_, there) if move is not None]
+    singles += filter(None, map(beside.weighed_anew, sorted(there, key=beside.fall)[-REWEIGHED:]))
     more = (beside.with_(terms) for terms in (_together(beside.equations, singles) if named else ()))
     good = [
         move for move in (*singles, *more) if move is not None and move.worth > 0.0 and move.gain.certainty > CERTAIN
