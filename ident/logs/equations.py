@@ -25,6 +25,8 @@ GRANTED = 10.0
 CURVED = 0.1
 #: Trajectories that differ by less than this share of their motion (rms, every joint) are one, repeated.
 SAME = 0.1
+#: Samples, at most, that tell noise.
+ROWS = 4000
 #: Pieces of time of a part that are looked at by themselves.
 BLOCKS = 16
 #: What is left up to so many times the noise is noise.
@@ -161,17 +163,20 @@ def equations(log: Log, model: Model, moved: Sequence[Moves], terms: Sequence[Te
     sizes: list[int] = []
     above: list[tuple[Array, Array]] = []
 
+    every = max(1, sum(len(m.q) for m in moved) // ROWS)
+
     def whole(m: Moves) -> Part:
-        columns = [term.columns(m) for term in terms]
-        sizes[:] = [one.shape[-1] for one in columns]
-        X, y = (
-            np.concatenate(columns, axis=-1),
-            m.tau - model.torque_rows(m.q, m.v, m.a, log.gravity) @ declared - rotors * m.a,
-        )
-        above.append((m.above(y), m.above(X)))
+        y = m.tau - model.torque_rows(m.q, m.v, m.a, log.gravity) @ declared - rotors * m.a
+        kept, beyond = [], []
+        for term in terms:
+            columns = term.columns(m)
+            kept.append(m.kept(columns))
+            beyond.append(m.above(columns)[::every])
+        sizes[:] = [one.shape[-1] for one in kept]
+        above.append((m.above(y)[::every], np.concatenate(beyond, axis=-1)))
         tau, times = m.kept(m.tau), m.times
         span = Span(m.id, float(times[0]), float(times[-1]), len(times))
-        return Part(tau, m.kept(y), m.kept(X), np.zeros(len(tau), dtype=int), (span,))
+        return Part(tau, m.kept(y), np.concatenate(kept, axis=-1), np.zeros(len(tau), dtype=int), (span,))
 
     wholes = [whole(m) for m in moved]
     groups = _groups(moved)
@@ -204,7 +209,7 @@ def _noise(moved: Sequence[Moves], groups: Sequence[Sequence[int]], left: Sequen
     """What torques scatter by [n, N m] beyond what any motion explains: what all columns together leave above the equations' band, were it as strong
     within; or what repetitions of a motion differ by, where that is less. `left` are torques [S, n] and columns [S, n, C] there."""
     y, X = (np.concatenate([one[k] for one in left]) for k in (0, 1))
-    within, samples = moved[0].beyond[0], sum(m.beyond[1] for m in moved)
+    within, samples = moved[0].beyond[0], min(sum(m.beyond[1] for m in moved), len(y))
     level = []
     for j in range(y.shape[1]):
         own = X[:, j, np.any(X[:, j] != 0.0, axis=0)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -29,6 +30,11 @@ PERIODS = 2.0
 #: Numbers of which only the first order is a column are told up to this.
 SMALL = {"torque-scale": 0.5, "joint-zero-offset": 0.2, "gravity-stiffness": 0.3}
 
+#: By what shares of themselves links may be other ones than declared: each is tried.
+WIDTHS = (0.03, 0.1, 0.3, 1.0)
+#: Radius [m] that a link has at least, where its inertia is compared with its mass.
+RADIUS = 0.05
+
 #: Units of a motor that moves a slide itself.
 _DIRECT = {"Nm": "N", "Nms/rad": "Ns/m", "Nms2/rad2": "Ns2/m2", "kgm2": "kg", "rad/s": "m/s", "rad": "m"}
 
@@ -44,7 +50,7 @@ def _as_is(coefficients: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 class Term:
     """An effect of the log's model: `columns` gives [S, n, c] for a trajectory, `told` its parameters [p] for c coefficients, which are the
-    catalogue's by name. `knots` of a learned curve of `variable`. A term with `widths` is the links' inertial parameters: free, but for
+    catalogue's by name. `knots` of a learned curve of `variable`. A term with a `width` is the links' inertial parameters: free, but for
     what the declared ones make likely."""
 
     name: str
@@ -79,8 +85,17 @@ class Term:
 def terms(log: Log, model: Model, moved: Sequence[Moves]) -> tuple[Term, ...]:
     """Returns every term that the trajectories `moved` of a log may need."""
     declared = model.chain.parameters.reshape(-1)
-    own = [term for j in range(log.n) for term in _of_joint(log, model, moved, j, declared)]
-    return (*own, *_of_arm(log, model, declared), links(log, model))
+
+    @cache
+    def loads(m: Moves) -> Array:
+        return np.asarray(model.torque_rows(m.q, m.v, m.a, log.gravity) @ declared)
+
+    own = [term for j in range(log.n) for term in _of_joint(log, model, moved, j, loads)]
+    zeros = [
+        _term(log, "joint-zero-offset", j, _zero_off(log, model, j, declared), slides=model.chain.slides(j))
+        for j in range(log.n)
+    ]
+    return (*own, *zeros, *_of_arm(log, model, declared), links(log, model))
 
 
 def _term(
@@ -93,7 +108,10 @@ def _term(
     return Term(name, joint, kind.port, parameters, columns, told, shape)
 
 
-def _of_joint(log: Log, model: Model, moved: Sequence[Moves], j: int, declared: Array) -> Iterator[Term]:
+def _of_joint(
+    log: Log, model: Model, moved: Sequence[Moves], j: int, loads: Callable[[Moves], Array]
+) -> Iterator[Term]:
+    """What may act at joint j; `loads` are the torques [S, n] of the declared links."""
     N, slides = float(log.N[j]), model.chain.slides(j)
 
     def row(of: Callable[[Moves], Sequence[Array]]) -> Columns:
@@ -113,7 +131,7 @@ def _of_joint(log: Log, model: Model, moved: Sequence[Moves], j: int, declared: 
         return _term(log, name, j, row(of), told, shape, slides)
 
     def load(m: Moves) -> Array:
-        return np.asarray((model.torque_rows(m.q, m.v, m.a, log.gravity) @ declared)[:, j])
+        return loads(m)[:, j]
 
     def sliding(m: Moves) -> Array:
         return abs(N) * way(m.v[:, j])
@@ -155,7 +173,6 @@ def _of_joint(log: Log, model: Model, moved: Sequence[Moves], j: int, declared: 
     periods = max(float(np.ptp(m.q[:, j])) for m in moved) * abs(N) / (2 * np.pi)
     if not slides or N != 1.0:
         yield from map(ripple, (float(order) for order in ORDERS if order * periods > PERIODS))
-    yield _term(log, "joint-zero-offset", j, _zero_off(log, model, j, declared), slides=slides)
     yield from curve("velocity", lambda m: m.v[:, j])
     yield from curve("position", lambda m: m.q[:, j])
     yield from curve("torque", load)
@@ -216,7 +233,7 @@ def _of_arm(log: Log, model: Model, declared: Array) -> Iterator[Term]:
             log, "payload", None, lambda m: model.torque_rows(m.q, m.v, m.a, log.gravity)[..., last],
             lambda c: np.array([c[0], np.linalg.norm(c[1:]) / c[0] if c[0] else 0.0]),
         )  # fmt: skip
-    yield _term(log, "time-offset", None, lambda m: m.tau_rate[..., None])
+        yield _term(log, "time-offset", None, lambda m: m.tau_rate[..., None])
 
 
 def _gravity(log: Log, model: Model, declared: Array) -> Columns:
@@ -229,11 +246,6 @@ def _gravity(log: Log, model: Model, declared: Array) -> Columns:
         return np.stack([model.torque_rows(m.q, still, still, g) @ declared for g in changes], axis=-1)
 
     return columns
-
-
-WIDTHS = (0.03, 0.1, 0.3, 1.0)
-#: Radius [m] that a link has at least, where its inertia is compared with its mass.
-RADIUS = 0.05
 
 
 def links(log: Log, model: Model) -> Term:
