@@ -57,6 +57,10 @@ _RATES = (20.0, 2e5)
 _FEWEST = 200
 
 
+class NoMultisine(ImportingError):
+    """No channel of a file is a multisine."""
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """One reading: variable, column (from 0), values [T]; `group` is the name without the joint, `joint` its number."""
@@ -147,6 +151,41 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
     reference = heard.channel if heard.channel is not torques[0][excited] else None
     rate = _rate(variables)
     return Found(path, urdf, names, excited, torques[0], motor, link, speed, reference, heard, time, rate)
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """All that goes into the map of a log, as names tell it: torques and angles of the joints [n], the time or a rate [Hz]."""
+
+    path: Path
+    urdf: str | Path | None
+    names: tuple[str, ...]
+    torque: list[Channel]
+    angle: list[Channel]
+    time: Time | None
+    rate: float | None
+
+
+def named(path: str | Path, urdf: str | Path | None = None) -> Named | None:
+    """Returns the torques and angles that a file has, by their names alone; None where these do not tell."""
+    path = Path(path)
+    variables = read_variables(path)
+    names = chain_of_file(urdf)[0].names if urdf is not None else ()
+    channels, time = _channels(variables, names)
+    told = [channel for channel in channels if not channel.commanded]
+
+    def of(*kinds: str) -> list[list[Channel]]:
+        return _joints(
+            [c for c in told if next((k for k, w in _WORDS.items() if re.search(w, c.name.lower())), "") in kinds]
+        )
+
+    torques, angles = of("torque", "current"), of("angle")
+    count = len(names) or max(map(len, torques), default=0)
+    torques, angles = ([group for group in groups if len(group) == count] for groups in (torques, angles))
+    if not torques or not angles:
+        return None
+    names = names or tuple(f"joint{k + 1}" for k in range(count))
+    return Named(path, urdf, names, torques[0], angles[0], time, _rate(variables))
 
 
 # what is there --------------------------------------------------------------------------------------------------------
@@ -293,7 +332,7 @@ def _excitation(channels: Sequence[Channel], path: Path) -> Excitation:
         if score < least:
             best, least = Excitation(channel, period, lines), score
     if best is None:
-        raise ImportingError(
+        raise NoMultisine(
             f"{path}: no channel is a multisine played twice or more; expected a periodic torque or current with lines "
             "that stand out (of another motion a map with [log] makes a log: ident import --keys)"
         )

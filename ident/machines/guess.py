@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.machines.channels import Channel, Found, Lines, look
+from ident.machines.channels import Channel, Found, Lines, Named, NoMultisine, look, named
 from ident.toml_text import key, quoted
 
 #: A ratio of encoders that is one up to this is one: there is no gear.
@@ -19,8 +19,51 @@ _WIDE = 10.0
 
 
 def guess(files: Sequence[str | Path], urdf: str | Path | None = None) -> str:
-    """Returns the text of a map.toml for files of one kind, the first of which is looked into. Errors as `look`."""
-    return _text(look(files[0], urdf), len(files))
+    """Returns the text of a map.toml for files of one kind, the first of which is looked into: of a log where no channel is a multisine, and
+    names tell torques and angles. Errors as `look`."""
+    try:
+        return _text(look(files[0], urdf), len(files))
+    except NoMultisine:
+        log = named(files[0], urdf)
+        if log is None:
+            raise
+        return _text_of_log(log)
+
+
+def _text_of_log(found: Named) -> str:
+    rows = [
+        f"# A guess from {found.path.name}, in which no channel is a multisine: a log of trajectories. Check every line that says CHECK, then:",
+        "# ident import --map map.toml FILE.. -o log.h5",
+        "",
+        "[log]",
+        'source = "a measured machine"',
+        "",
+        "[robot]",
+        f"joints = [{', '.join(map(quoted, found.names))}]",
+        "# no URDF: one link a joint stands in" if found.urdf is None else f"urdf = {quoted(str(found.urdf))}",
+    ]
+    for name, torque, angle in zip(found.names, found.torque, found.angle, strict=True):
+        current = bool(re.search(r"curr|amp|i_?q", torque.name.lower()))
+        unit, swing = _angle_unit(angle)
+        rows += ["", f"[joint.{key(name)}]"]
+        rows += ["J_l_kgm2 = 1.0  # CHECK: no URDF says it"] if found.urdf is None else []
+        of_torque, side = 'unit = "A"' if current else 'unit = "Nm"', ', side = "joint"'
+        rows += [
+            "# N = 100  # motor revolutions per joint revolution, if one of the sides below is the motor's",
+            f"torque = {_signal(torque, of_torque + side)}  # CHECK unit and side",
+            f"motor_angle = {_signal(angle, unit + side)}  # CHECK unit and side: it swings by {swing:.3g}",
+        ]
+    rows += ["", "[record]"]
+    if found.time:
+        unsure = "" if found.time.sure else "; CHECK the unit"
+        rows.append(
+            f'time = {{name = {quoted(found.time.name)}, unit = "{found.time.unit}"}}  # {found.time.rate:.6g} Hz{unsure}'
+        )
+    else:
+        rows.append(
+            f"sample_rate_Hz = {found.rate or 1000.0:.10g}  # {'the file says so' if found.rate else 'CHECK: the file does not say'}"
+        )
+    return "\n".join(rows) + "\n"
 
 
 def _text(found: Found, files: int) -> str:

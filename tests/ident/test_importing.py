@@ -448,11 +448,11 @@ def test_the_command_refuses_in_one_line(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_a_log_is_refused_with_a_line_that_says_what_is_missing(
+def test_what_is_neither_a_multisine_nor_named_is_refused_with_a_line_that_says_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     t = np.arange(5000) / 200
-    np.savez(tmp_path / "log.npz", time=t, tau=np.sin(t) + 0.1 * np.cos(3.3 * t), q=np.cos(t))
+    np.savez(tmp_path / "log.npz", time=t, a=np.sin(t) + 0.1 * np.cos(3.3 * t), b=np.cos(t))
     assert main(["import", "--guess", str(tmp_path / "log.npz")]) == 2
     assert "no channel is a multisine" in capsys.readouterr().err
 

@@ -92,3 +92,15 @@ def test_the_command_writes_a_log(run: Trajectory, tmp_path: Path, capsys: pytes
     )
     assert json.loads(capsys.readouterr().out)["kind"] == "log"
     np.testing.assert_allclose(read_log(out).trajectories[0].q, run.q, atol=1e-12)
+
+
+def test_a_guess_of_a_file_without_a_multisine_is_the_map_of_a_log(
+    run: Trajectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(len(run.q)) / FS
+    np.savez(tmp_path / "run.npz", times=t, positions=run.q, torques=run.tau, target_positions=run.q + 1.0)
+    assert main(["import", "--guess", str(tmp_path / "run.npz"), "--urdf", str(ROBOT)]) == 0
+    (tmp_path / "map.toml").write_text(capsys.readouterr().out)
+    (back,) = import_log(load_map(tmp_path / "map.toml"), [tmp_path / "run.npz"]).log.trajectories
+    np.testing.assert_allclose(back.q, run.q, atol=1e-12)
+    np.testing.assert_allclose(back.tau, run.tau, atol=1e-12)
