@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -31,6 +32,7 @@ from ident.search.each_record import in_each_record
 from ident.search.minima import afresh, elsewhere, links_anew, settled
 from ident.search.one_more import one_more
 from ident.search.refits import (
+    CLOSE,
     HASTILY,
     NAMED,
     Bench,
@@ -167,16 +169,29 @@ class Begun:
         )
         return Split(fit, select, report, split.note)
 
-    def _searched(self, gives_way: GivesWay) -> tuple[Bench, State, State, list[Added], tuple[Departure, ...]]:
+    @property
+    def at_once(self) -> bool:
+        """Whether effects explain the records as they are parted, without another look."""
+        state, added = self._looked
+        return bool(added) and reduced_chi2(self.bench, state) <= CLOSE
+
+    @cached_property
+    def _looked(self) -> tuple[State, list[Added]]:
+        """The arm with effects, by the records as they are parted, and their entries."""
+        return _loop(self.bench, self.start)
+
+    def _searched(
+        self, gives_way: GivesWay, elsewhere: Callable[[], bool]
+    ) -> tuple[Bench, State, State, list[Added], tuple[Departure, ...]]:
         """The bench with which effects were looked for, the arm without them and with them, their entries, and what stays unexplained: by
         lines of every record where parts that are records may tell too little."""
         bench, start = self.bench, self.start
         if bench.split.note:
             bench.say(BY_LINES)
-        state, added = _loop(bench, start, None, gives_way)
+        state, added = self._looked if gives_way is _never else _loop(bench, start, None, gives_way)
         left = left_over(bench, start, state)
         found = bench, start, state, added, left
-        if bench.split.note or bench.late:
+        if bench.split.note or bench.late or (left and not added and elsewhere()):
             return found
         unseen = is_unseen(bench, state)
         if not (unseen or is_doubtful(bench, start, state, bool(left))):
@@ -191,9 +206,10 @@ class Begun:
             return found
         return *by_lines, state, added, left_over(*by_lines, state)
 
-    def diagnosed(self, gives_way: GivesWay = _never) -> Diagnosis:
-        """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm."""
-        bench, start, state, added, left = self._searched(gives_way)
+    def diagnosed(self, gives_way: GivesWay = _never, elsewhere: Callable[[], bool] = lambda: False) -> Diagnosis:
+        """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm, or where nothing is
+        found and that is explained `elsewhere`."""
+        bench, start, state, added, left = self._searched(gives_way, elsewhere)
         if left and is_of_one_joint(bench, start, state, added):
             bench.say(f"not named, as it leaves {reduced_chi2(bench, state):.4g}: {added[0].effect.name}")
             state, added = start, []

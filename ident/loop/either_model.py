@@ -79,12 +79,19 @@ def _diagnosed(
             return found, notes
     say(f"the {believed} zeros of the URDF believed")
 
+    at_once = False
+
+    def elsewhere() -> bool:
+        nonlocal at_once
+        at_once = not general.bench.late and general.at_once
+        return at_once
+
     def gives_way(state: State, split: Split) -> bool:
         bench = replace(simplest.bench, split=split)
         far = not bench.late and reduced_chi2(*general.beside(state, split)) < FAR * reduced_chi2(bench, state)
         return far and not one_more(bench, state)
 
-    simple = simplest.diagnosed(gives_way)
+    simple = simplest.diagnosed(gives_way, elsewhere)
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
     if not far and explained and _things(simple) > 1 and (alone or _fewer_do(general, simple)):
         found = by_general()
@@ -94,6 +101,7 @@ def _diagnosed(
     if not explained and (
         far
         or alone
+        or at_once
         or (not general.bench.late and reduced_chi2(*general.beside(simple.end, simple.split)) < BETTER * simple.left)
     ):
         found = by_general()

@@ -113,7 +113,7 @@ def test_what_takes_fewer_numbers_is_taken(
     runs: list[bool] = []
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
-        def diagnosed(gives_way: object = None) -> Left:
+        def diagnosed(*_: object) -> Left:
             runs.append(bool(model.factoring.believed))
             return Left(model, by_zeros if model.factoring.believed else by_general, values)
 
@@ -221,7 +221,7 @@ def test_what_general_links_explain_far_better_and_no_name_is_theirs(
     asked: list[bool] = []
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
-        def diagnosed(ask: object = None) -> Left:
+        def diagnosed(ask: object = None, *_: object) -> Left:
             if callable(ask):
                 asked.append(ask(left, None))
             return Left(model, 1.0, 1)
@@ -235,6 +235,31 @@ def test_what_general_links_explain_far_better_and_no_name_is_theirs(
     monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: named)
     diagnose_either(campaign(0.0, 1))
     assert asked == [gives_way]
+
+
+@pytest.mark.parametrize(
+    ("at_once", "late", "believed"), [(True, False, False), (False, False, True), (True, True, True)]
+)
+def test_links_that_explain_at_once_what_nothing_does_beside_zeros_are_taken(
+    monkeypatch: pytest.MonkeyPatch, at_once: bool, late: bool, believed: bool
+) -> None:
+    """Friction beside a centre of mass that is off: neither is seen while the other is missing."""
+
+    def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
+        zeros = bool(model.factoring.believed)
+
+        def diagnosed(gives_way: object = None, elsewhere: object = None) -> Left:
+            if callable(elsewhere):
+                assert zeros and elsewhere() == (at_once and not late)
+            return Left(model, 9.0 if zeros else 1.0, int(not zeros))
+
+        bench = SimpleNamespace(late=late)
+        return SimpleNamespace(
+            departs=True, alone=9.0, diagnosed=diagnosed, beside=lambda *_: (None, 9.0), bench=bench, at_once=at_once
+        )
+
+    monkeypatch.setattr(ident.loop.either_model, "begin", begun)
+    assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
 
 
 @pytest.mark.parametrize(
