@@ -53,6 +53,8 @@ class LogDiagnosis:
 
     @property
     def status(self) -> str:
+        if self.found.steps and self.found.errors[-1] > self.found.errors[0]:
+            return "unexplained"  # what told motion that nothing has seen worse is none of what acts
         if self.found.errors[-1] > EXPLAINED * share(self.noise**2, self.equations.report):
             return "unexplained"
         return "effect-found" if self.found.steps else "explained"

@@ -24,6 +24,9 @@ def sentence(v: dict[str, Any]) -> str:
         return "Nothing is missing: the declared arm explains every trajectory within its noise."
     if not v["effects"]:
         return f"Something acts that nothing in the catalogue explains: {percent(e['after']['all'])} of the torques."
+    if e["after"]["all"] > e["before"]["all"]:
+        grows = f"grows from {percent(e['before']['all'])} to {percent(e['after']['all'])}"
+        return f"Something acts that nothing in the catalogue explains: with {_lacks(v)} the held-out error {grows}."
     fell = f"held out, {percent(e['before']['all'])} of the torques was left and {percent(e['after']['all'])} is"
     return f"The declared arm lacks {_lacks(v)}; {fell}."
 

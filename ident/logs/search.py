@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ident.effects.catalogue import CATALOGUE
 from ident.logs.equations import Equations, Fit, Part, fitted
-from ident.logs.terms import WIDTHS, Term
+from ident.logs.terms import BENT, STRAIGHT, WHOLE, WIDTHS, Term
 from ident.records.log import Array
 
 Terms = tuple[Term, ...]
@@ -209,10 +209,19 @@ def _either_way(beside: _Beside, move: _Move) -> bool:
 
 def _candidates(equations: Equations, have: Iterable[Term]) -> Iterator[Term]:
     """Every term that is not there yet; of the links' parameters, all widths."""
+    have = tuple(have)
     there = {term.place for term in have}
     for term in equations.terms:
-        if term.place not in there:
+        if term.place not in there and term.shape == _shape(term, have):
             yield from [replace(term, width=width) for width in WIDTHS] if term.width else [term]
+
+
+def _shape(term: Term, have: Terms) -> tuple[float, ...]:
+    """The shape that a curve has beside those that are there; that of other terms is their own."""
+    if not term.variable:
+        return term.shape
+    straight = any(one.joint == term.joint and one.name in STRAIGHT[term.variable] for one in have)
+    return BENT if straight else WHOLE
 
 
 def _together(equations: Equations, singles: Sequence[_Move]) -> Iterator[Terms]:

@@ -25,6 +25,13 @@ SPEEDS, ORDERS = (0.05, 0.15, 0.4, 1.0), (1, 2, 3, 4, 6, 8, 12)
 STEP = 1e-4
 #: Knots of a learned curve, at even shares of the samples.
 KNOTS = 9
+#: Shapes of a curve: without what names have at its joint, or whole. The names whose straight line one of each variable has.
+BENT, WHOLE = (0.0,), (1.0,)
+STRAIGHT = {
+    "velocity": ("motor-viscous", "motor-coulomb", "motor-stribeck", "motor-quadratic-drag"),
+    "position": ("cable-stiffness", "torque-offset"),
+    "torque": ("torque-scale", "torque-offset", "load-dependent-friction"),
+}
 #: Periods of a ripple that a joint has to go through to show it.
 PERIODS = 2.0
 #: Numbers of which only the first order is a column are told up to this.
@@ -152,10 +159,11 @@ def _of_joint(
         x = np.concatenate([what(m) for m in moved])
         knots = np.unique(np.quantile(x, np.linspace(0.005, 0.995, KNOTS)))
         if len(knots) == KNOTS:
-            bent = bends(x, knots)
             heights = tuple((f"height {k + 1}", "N" if slides else "Nm") for k in range(KNOTS))
-            columns = row(lambda m: list(bent(what(m)).T))
-            yield Term("unknown", j, "link", heights, columns, variable=variable, knots=tuple(knots.tolist()))
+            for shape, of in ((BENT, bends(x, knots)), (WHOLE, lambda x: hats(x, knots))):
+                yield Term(
+                    "unknown", j, "link", heights, row(_of(of, what)), _as_is, shape, variable, tuple(knots.tolist())
+                )
 
     yield term("motor-viscous", lambda m: [N * N * m.v[:, j]])
     yield term("motor-coulomb", lambda m: [sliding(m)])
@@ -176,6 +184,10 @@ def _of_joint(
     yield from curve("velocity", lambda m: m.v[:, j])
     yield from curve("position", lambda m: m.q[:, j])
     yield from curve("torque", load)
+
+
+def _of(shares: Callable[[Array], Array], what: Callable[[Moves], Array]) -> Callable[[Moves], Sequence[Array]]:
+    return lambda m: list(shares(what(m)).T)
 
 
 def _laid_out(c: Array) -> Array:
@@ -199,18 +211,19 @@ def _mean_way(a: Array, b: Array) -> Array:
     return np.where(moved, whole / np.where(moved, gone, 1.0), direction(0.5 * (a + b)))
 
 
+def hats(x: Array, knots: Array) -> Array:
+    """Shares [S, k] of a curve's heights at its `knots` [k] in what it is at x [S]: straight between these and level beyond."""
+    return np.stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))], axis=-1)
+
+
 def bends(x: Array, knots: Array) -> Callable[[Array], Array]:
-    """Shares [S, k] of a curve's heights at its `knots` [k]: straight between these and level beyond, without what is a constant, a straight line or a
-    sign, at samples `x` [S]: names have those."""
+    """The same without what is a constant, a straight line or a sign, at samples `x` [S]: names have those."""
 
     def plain(x: Array) -> Array:
         return np.stack([np.ones(len(x)), x, np.sign(x)], axis=-1)
 
-    def hats(x: Array) -> Array:
-        return np.stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))], axis=-1)
-
-    named = np.linalg.lstsq(plain(x), hats(x), rcond=None)[0]
-    return lambda x: hats(x) - plain(x) @ named
+    named = np.linalg.lstsq(plain(x), hats(x, knots), rcond=None)[0]
+    return lambda x: hats(x, knots) - plain(x) @ named
 
 
 def _zero_off(log: Log, model: Model, j: int, declared: Array) -> Columns:

@@ -15,7 +15,7 @@ from scipy.io import loadmat
 from ident.cli import main
 from ident.errors import CampaignError, IdentError
 from ident.logs.diagnose import LogDiagnosis, diagnose_log
-from ident.logs.report import text
+from ident.logs.report import sentence, text
 from ident.logs.terms import bends, way
 from ident.logs.verdict import verdict_document
 from ident.machines.stand_in import Body, stand_in
@@ -111,6 +111,26 @@ def test_friction_of_every_joint_is_found_though_each_alone_explains_little() ->
     )
     d = diagnose_log(replace(own, trajectories=runs))
     assert sorted(found(d), key=str) == [("motor-coulomb", j) for j in range(3)] and d.status == "effect-found"
+
+
+def test_what_has_no_name_is_drawn_as_a_curve_of_what_it_follows() -> None:
+    d = diagnose_log(log(lambda m: 0.15 * m.typical[4] * np.cos(4.0 * m.q), 2, runs=6, seed=4))
+    (step,) = d.found.steps
+    assert (step.term.name, step.term.joint, step.term.variable) == ("unknown", 2, "position")
+    assert d.found.errors[1] < 0.1 * d.found.errors[0]
+    curve = verdict_document(d, [Path(__file__)])["effects"][0]["curve"]
+    heights, x = np.array(curve["heights"]), np.array(curve["knots"])
+    true = np.cos(4.0 * x)
+    assert np.corrcoef(heights, true)[0, 1] > 0.95 and curve["unit"] == "Nm"
+
+
+def test_what_tells_other_motion_worse_is_none_of_what_acts() -> None:
+    d = diagnose_log(log(friction))
+    v = verdict_document(d, [Path(__file__)])
+    assert d.status == "effect-found" and "lacks motor-coulomb" in sentence(v)
+    before, after = v["error"]["after"], v["error"]["before"]
+    assert "grows from" in sentence(v | {"error": v["error"] | {"before": before, "after": after}})
+    assert replace(d, found=replace(d.found, errors=d.found.errors[::-1])).status == "unexplained"
 
 
 def test_a_motion_that_was_repeated_does_not_report_on_itself() -> None:
