@@ -111,8 +111,7 @@ class Model:
 
 
 def make_model(chain: Chain, *, believe_zeros: bool = False, entries: Entries | None = None) -> Model:
-    """Returns the model of a chain; `believe_zeros` takes exact zeros among its inertial parameters as known. `entries` of
-    `basis.derived` saves deriving them again."""
+    """Returns the model of a chain; `believe_zeros` takes exact zeros in it as known, `entries` are those of `basis.derived`."""
     entries = entries or derived(chain)
     wider = factor(chain, entries=entries)
     return Model(chain, factor(chain, believe_zeros=True, entries=entries) if believe_zeros else wider, wider)
@@ -150,8 +149,7 @@ class Plan:
 def load_plan_cells(path: str | Path, model: Model) -> tuple[Cell, ...]:
     """Returns the cells of a plan.json written for this model's arm.
 
-    Raises PlanError if the file is not a plan, is of a later version, belongs to another URDF, or has a cell that is none
-    of this arm.
+    Raises PlanError if the file is no plan, of a later version, of another URDF, or has a cell that is none of this arm.
     """
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))

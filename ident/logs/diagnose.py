@@ -77,8 +77,11 @@ class LogDiagnosis:
 
     @property
     def bodies(self) -> bool:
-        """Whether there can be links with these parameters."""
-        return bool(np.linalg.eigvalsh(pseudo_inertia(self.parameters[0].reshape(-1, 10))).min() > 0.0)
+        """Whether there can be links with these parameters; those that were declared are taken as they are."""
+        phi = self.parameters[0]
+        if np.array_equal(phi, self.model.chain.parameters.reshape(-1)):
+            return True
+        return bool(np.linalg.eigvalsh(pseudo_inertia(phi.reshape(-1, 10))).min() > 0.0)
 
 
 def diagnose_log(log: Log, say: Callable[[str], None] = lambda line: None) -> LogDiagnosis:
