@@ -127,12 +127,13 @@ def _log_diagnosed(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     from ident.plain import replace_file
     from ident.records.store import read_log
 
+    file = options.campaign[0]
     if len(options.campaign) > 1 or options.baseline is not None:
-        raise IdentError(
-            f"{options.campaign[0]}: a log of trajectories is diagnosed by itself; import all of them into one file"
-        )
+        raise IdentError(f"{file}: a log of trajectories is diagnosed by itself; import all of them into one file")
+    if options.believe_zeros is not None:
+        raise IdentError(f"{file}: a log of trajectories; expected no --believe-zeros, which goes with campaigns")
     begin = time.perf_counter()
-    found = diagnose_log(read_log(options.campaign[0]), progress.line(options))
+    found = diagnose_log(read_log(file), progress.line(options))
     seconds = {"diagnose": time.perf_counter() - begin}
     out = Path(options.out)
     document = verdict_document(found, options.campaign, {"out": str(out)})

@@ -77,17 +77,15 @@ def _trajectory(file: SourceFile, mapping: Map, id: str) -> tuple[Trajectory, fl
             f"{samples} samples, {how.skip} skipped; expected at least {max(how.samples or 0, LEAST)} behind them"
         )
     use = slice(how.skip, stop)
-    file.one_clock(played, joints, use, samples, how.fs or 1.0)
+    t, fs, note = _times(file, use, samples)
+    file.one_clock(played, joints, use, samples, fs)
 
     def columns(key: str) -> Array:
-        return np.stack(
-            [file.signal(joint, key, use, len(range(*use.indices(samples))), 0.0) for joint in joints], axis=1
-        )
+        return np.stack([file.signal(joint, key, use, stop - how.skip, 0.0) for joint in joints], axis=1)
 
     N = np.array([joint.N for joint in joints])
     q = columns("link_angle") if "link_angle" in joints[0].signals else columns("motor_angle") / N
     tau = columns("torque") * N
-    t, fs, note = _times(file, use, samples)
     if t is not None:
         even = t[0] + np.arange(int((t[-1] - t[0]) * fs + 1e-9) + 1) / fs
         q, tau = (np.stack([np.interp(even, t, column) for column in x.T], axis=1) for x in (q, tau))

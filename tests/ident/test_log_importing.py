@@ -84,6 +84,16 @@ def test_what_is_amiss_is_said_in_one_line(text: str, changed, says: str, run: T
     assert says in str(error.value) and "\n" not in str(error.value)
 
 
+def test_topics_of_other_instants_are_refused(run: Trajectory, tmp_path: Path) -> None:
+    """Two milliseconds are one sample: the torques' messages are ten samples older than the angles'."""
+    t = np.arange(len(run.q)) / FS
+    text = MAP.replace('"tau"', '"cmd/tau"').replace('"q"', '"js/q"') + TIMED
+    changed = {"cmd/tau": run.tau, "js/q": np.rad2deg(run.q), "cmd/log_time": t}
+    brought(tmp_path, run, text, **changed, **{"js/log_time": t})
+    with pytest.raises(ImportingError, match=r"samples from that of 'cmd/tau', allowed"):
+        brought(tmp_path, run, text, **changed, **{"js/log_time": t + 10 / FS})
+
+
 def test_the_command_writes_a_log(run: Trajectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     brought(tmp_path, run)
     out = tmp_path / "log.h5"
