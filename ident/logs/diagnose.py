@@ -63,16 +63,15 @@ class LogDiagnosis:
     def parameters(self) -> tuple[Array, Array]:
         """The links' inertial parameters [10 n] as found, and their covariance: of the declared ones where none was found to be off."""
         phi, covariance = self.model.chain.parameters.reshape(-1).copy(), np.zeros((10 * self.log.n,) * 2)
-        size, at = sizes(self.model), 0
-        for term, x in self.equations.told(self.after.terms, self.after.coefficients):
-            own, at = slice(at, at + len(x)), at + len(x)
+        size = sizes(self.model)
+        for term, x, spread in self.equations.of(self.after):
             if term.width:
                 phi += size * x
-                covariance += np.outer(size, size) * self.after.covariance[own, own]
+                covariance += np.outer(size, size) * spread
             elif term.name == "payload":
                 last = slice(10 * (self.log.n - 1), 10 * (self.log.n - 1) + 4)
                 phi[last] += x
-                covariance[last, last] += self.after.covariance[own, own]
+                covariance[last, last] += spread
         return phi, covariance
 
     @property

@@ -108,6 +108,13 @@ class Equations:
             yield term, x[start : start + size]
             start += size
 
+    def of(self, fit: Fit) -> Iterator[tuple[Term, Array, Array]]:
+        """Each term of a fit, its coefficients [c] and their covariance [c, c]."""
+        start = 0
+        for term, x in self.told(fit.terms, fit.coefficients):
+            own, start = slice(start, start + len(x)), start + len(x)
+            yield term, x, fit.covariance[own, own]
+
     @cached_property
     def _places(self) -> dict[Key, NDArray[np.int64]]:
         return {term.key: np.arange(at.start, at.stop) for term, at in zip(self.terms, self.at, strict=True)}

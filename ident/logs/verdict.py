@@ -15,13 +15,11 @@ from ident.logs.equations import Part
 from ident.logs.search import Step
 from ident.logs.terms import Term
 from ident.loop.confounded import separation
+from ident.loop.diagnosis_json import FORMAT, POSTURES, SEED, VERSION
 from ident.plain import plain
 from ident.records.inputs import told
 from ident.records.log import Array
 
-FORMAT, VERSION = "frf-verdict", 1
-#: Postures at which J(q) before and after is compared, and their seed.
-POSTURES, SEED = 1000, 0
 #: Bands of the residual end at these shares of the highest frequency that is kept.
 ENDS = (0.1, 0.3, 1.0)
 #: A band that leaves more than noise by this factor is told.
@@ -186,27 +184,22 @@ def _effect(d: LogDiagnosis, k: int) -> dict[str, Any]:
         "confounded_with": _confounded(d, step),
     }
     if term.variable:
-        _, x, _ = _found(d, term)
+        heights, _ = _found(d, term)
         entry["curve"] = {
-            "variable": term.variable, "knots": term.knots, "heights": x, "unit": term.parameters[0][1],
+            "variable": term.variable, "knots": term.knots, "heights": heights, "unit": term.parameters[0][1],
             "period": None, "period_unit": "m" if d.model.chain.slides(term.joint) else "rad",
         }  # fmt: skip
     return entry
 
 
-def _found(d: LogDiagnosis, term: Term) -> tuple[Term, Array, Array]:
-    """A term of the corrected arm, its coefficients and their covariance."""
-    at = 0
-    for one, x in d.equations.told(d.after.terms, d.after.coefficients):
-        own, at = slice(at, at + len(x)), at + len(x)
-        if one is term:
-            return one, x, d.after.covariance[own, own]
-    raise KeyError(term.name)
+def _found(d: LogDiagnosis, term: Term) -> tuple[Array, Array]:
+    """The coefficients of a term of the corrected arm, and their covariance."""
+    return next((x, covariance) for one, x, covariance in d.equations.of(d.after) if one is term)
 
 
 def _parameters(d: LogDiagnosis, term: Term) -> dict[str, Any]:
     """The numbers of a term with their standard deviations; those that are chosen, not fitted, have none."""
-    _, x, covariance = _found(d, term)
+    x, covariance = _found(d, term)
     if term.width:
         change = _inertia(d)["J"]["change_rms"]
         return {"change": {"value": float(np.sqrt(np.mean(np.square(change)))), "std": None, "unit": ""}}

@@ -36,11 +36,9 @@ def found(d: LogDiagnosis) -> list[tuple[str, int | None]]:
 
 def values(d: LogDiagnosis, name: str) -> np.ndarray:
     """The parameters that were found of an effect."""
-    at = 0
-    for term, x in d.equations.told(d.after.terms, d.after.coefficients):
+    for term, x, _ in d.equations.of(d.after):
         if term.name == name:
             return term.told(x)
-        at += len(x)
     raise AssertionError(f"{name} is not among {found(d)}")
 
 
@@ -179,6 +177,7 @@ def test_a_verdict_says_what_was_found_and_what_no_log_tells(tmp_path: Path) -> 
         (["fit", "LOG", "-o", "OUT"], "ident diagnose reads logs"),
         (["diagnose", "LOG", "LOG", "-o", "OUT"], "diagnosed by itself"),
         (["diagnose", "LOG", "--baseline", "LOG", "-o", "OUT"], "diagnosed by itself"),
+        (["diagnose", "LOG", "--no-believe-zeros", "-o", "OUT"], "goes with campaigns"),
     ],
 )
 def test_what_is_no_campaign_is_refused_in_one_line(words, says, tmp_path, capfd) -> None:
