@@ -264,8 +264,8 @@ def _sampling_rate(file: SourceFile, use: slice, samples: int, first: float | No
 
 
 def rounded_rate(measured: float, within: float) -> float:
-    """The round sampling rate [Hz] `within` this share of a measured one; else that itself."""
-    near = float(f"{measured:.4g}") if within <= _ROUND else float(f"{measured:.3g}")
+    """The sampling rate [Hz] of as many digits as a measured one has `within` this share of itself, if it is that near; else the measured one."""
+    near = float(f"{measured:.{round(-np.log10(within))}g}")
     return near if abs(measured - near) <= within * near else measured
 
 
