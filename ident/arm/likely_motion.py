@@ -142,6 +142,13 @@ class LikelyMotion:
         moved = [self._at(key, forces) for forces in (on, unit, none)]
         return self.scene.s * moved[0], self.scene.s * (moved[1] - moved[2])
 
+    def needed(self, key: Key, on: Forces) -> Force:
+        """What has to act at a port besides the forces `on` for its joint's angle to be predicted as it was measured."""
+        k, nothing = key[1], Force(np.zeros_like(self.alone[:, 0]), 0.0)
+        unit = Force(np.ones_like(nothing.lines), 0.0)
+        felt = self.predicted({key: unit})[0] - self.predicted({key: nothing})[0]
+        return Force((self.scene.theta - self.predicted(on)[0])[:, k] / felt[:, k], 0.0)
+
     @cached_property
     def images(self) -> Complex:
         """Torques [S/2 + 1, m] of the motors above all lines, at each multiple of f0: what a torque has there that is held

@@ -17,7 +17,7 @@ from ident.arm.arm_model import Parameters, Sampling
 from ident.arm.likely_motion import Force, Forces, Key, LikelyMotion
 from ident.arm.rattling import Rattling
 from ident.arm.scene import Scene
-from ident.arm.sliding import EVERYWHERE, MEMORY, RIDGE, TURNS, Where, balanced, in_turns, settled, told_by
+from ident.arm.sliding import EVERYWHERE, MEMORY, RIDGE, TURNS, Meeting, Where, balanced, in_turns, settled, told_by
 from ident.arm.whitening import Powers
 from ident.effects.base import Effect, Law, PeriodicLaw
 from ident.effects.motion import Motion, over_periods
@@ -269,6 +269,14 @@ class Port:
         mean = at[-1] + (missing / max(self.K + stiffness, 0.1 * self.K) if self.K else 0.0)
         return np.append(lines.view(float), mean)
 
+    def wound(self, needed: Force, law: Callable[[Array], Array]) -> Array:
+        """Where it is [S] when the spring and a `law`(x) have the torque together that a force that is `needed` leaves them."""
+        torque = self.K * (self.x0 + self.Y * needed.lines) + needed.lines
+        w = self.load + self.scene.in_time(torque[:, None])[:, 0]
+        still = np.zeros_like(w)
+        reach = 2.0 * float(np.abs(w).max()) / self.K
+        return Meeting(lambda _: law, self.K, reach, still, law(still), still.copy()).goes(w)
+
 
 def _yielding(
     arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, turns: int, last: Slid | None, march: bool
@@ -309,10 +317,14 @@ def _yielding(
             best, there, least = F, at, change
         if not DIVERGED * least > change > SETTLED * size:
             break
-    if not least > SETTLED * size:
-        return Force.of(scene, best), None if last is None else _kept(port.moves(there)[0], best)
+    settles = not least > SETTLED * size
     instant = all(isinstance(law, Law) for law in laws)  # of no memory
-    if instant and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
+    of_place = instant and np.array_equal(F[::-1], force(x[::-1], 0.0 * v))
+    if of_place and name == "spring" and (told := _as_told(arm, key, on, port, lambda x: force(x, 0.0 * x), best)):
+        begin, settles = told, False
+    if settles:
+        return Force.of(scene, best), None if last is None else _kept(port.moves(there)[0], best)
+    if of_place:
         rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
         rattling = Rattling(arm, key, on, lambda x: force(x, 0.0 * x), rest, yields)
         found = rattling.likeliest(*(begin or (x, best)), (PERIODS if turns >= TURNS else SHORT) if march else 0)
@@ -323,6 +335,27 @@ def _yielding(
     F = force(x, v)
     better = min(best, F, key=lambda force: arm.misfit(on | {key: Force.of(scene, force)}))
     return Force.of(scene, better), _kept(x, F)
+
+
+def _as_told(
+    arm: LikelyMotion, key: Key, on: Forces, port: Port, law: Callable[[Array], Array], found: Array
+) -> Slid | None:
+    """Where a spring is by the torque that motor and link tell of it, and the force of its `law` there, if that explains the record
+    better than the one `found`, which does not.
+
+    A spring that hardens by more than it is stiff has more than one motion, and turns lead away from all of them; but of its torque
+    it is a function that is even softer than that of its stiffness.
+    """
+
+    def misfit(force: Array) -> float:
+        return arm.misfit(on | {key: on[key].plus(Force.of(arm.scene, force))})
+
+    before = misfit(found)
+    if before < EXPLAINED * arm.degrees:
+        return None
+    x = port.wound(arm.needed(key, on), law)
+    force = law(x)
+    return (x, force) if misfit(force) < before else None
 
 
 def _kept(x: Array, F: Array) -> Slid:
