@@ -317,17 +317,16 @@ def _yielding(
             best, there, least = F, at, change
         if not DIVERGED * least > change > SETTLED * size:
             break
-    settles = not least > SETTLED * size
-    instant = all(isinstance(law, Law) for law in laws)  # of no memory
-    of_place = instant and np.array_equal(F[::-1], force(x[::-1], 0.0 * v))
-    if of_place and name == "spring" and (told := _as_told(arm, key, on, port, lambda x: force(x, 0.0 * x), best)):
-        begin, settles = told, False
-    if settles:
+    if not least > SETTLED * size:
         return Force.of(scene, best), None if last is None else _kept(port.moves(there)[0], best)
-    if of_place:
+    instant = all(isinstance(law, Law) for law in laws)  # of no memory
+    if instant and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
         rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
         rattling = Rattling(arm, key, on, lambda x: force(x, 0.0 * x), rest, yields)
-        found = rattling.likeliest(*(begin or (x, best)), (PERIODS if turns >= TURNS else SHORT) if march else 0)
+        told = _as_told(arm, key, on, port, rattling.law, best) if name == "spring" else None
+        found = rattling.likeliest(
+            *(told or begin or (x, best)), (PERIODS if turns >= TURNS else SHORT) if march else 0
+        )
         return Force.of(scene, found), _kept(port.moves(port.left_by(found, at, 0.0, 0.0))[0], found)
     x, v = port.moves(there)
     line = slope(x, best), slope(v, best)
