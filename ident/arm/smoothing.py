@@ -321,12 +321,12 @@ def _yielding(
         return Force.of(scene, best), None if last is None else _kept(port.moves(there)[0], best)
     instant = all(isinstance(law, Law) for law in laws)  # of no memory
     if instant and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
-        rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
-        rattling = Rattling(arm, key, on, lambda x: force(x, 0.0 * x), rest, yields)
-        told = _as_told(arm, key, on, port, rattling.law, best) if name == "spring" else None
-        found = rattling.likeliest(
-            *(told or begin or (x, best)), (PERIODS if turns >= TURNS else SHORT) if march else 0
-        )
+        by_place: Callable[[Array], Array] = lambda x: force(x, 0.0 * x)  # noqa: E731
+        found = _as_told(arm, key, on, port, by_place, best) if name == "spring" else None
+        if found is None:
+            rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
+            rattling = Rattling(arm, key, on, by_place, rest, yields)
+            found = rattling.likeliest(*(begin or (x, best)), (PERIODS if turns >= TURNS else SHORT) if march else 0)
         return Force.of(scene, found), _kept(port.moves(port.left_by(found, at, 0.0, 0.0))[0], found)
     x, v = port.moves(there)
     line = slope(x, best), slope(v, best)
@@ -338,9 +338,9 @@ def _yielding(
 
 def _as_told(
     arm: LikelyMotion, key: Key, on: Forces, port: Port, law: Callable[[Array], Array], found: Array
-) -> Slid | None:
-    """Where a spring is by the torque that motor and link tell of it, and the force of its `law` there, if that explains the record
-    better than the one `found`, which does not.
+) -> Array | None:
+    """The force [S] that a spring has by its `law` where it is by the torque that motor and link tell of it, if that explains the record
+    better than the one `found`.
 
     A spring that hardens by more than it is stiff has more than one motion, and turns lead away from all of them; but of its torque
     it is a function that is even softer than that of its stiffness.
@@ -349,12 +349,8 @@ def _as_told(
     def misfit(force: Array) -> float:
         return arm.misfit(on | {key: on[key].plus(Force.of(arm.scene, force))})
 
-    before = misfit(found)
-    if before < EXPLAINED * arm.degrees:
-        return None
-    x = port.wound(arm.needed(key, on), law)
-    force = law(x)
-    return (x, force) if misfit(force) < before else None
+    told = law(port.wound(arm.needed(key, on), law))
+    return told if misfit(told) < misfit(found) else None
 
 
 def _kept(x: Array, F: Array) -> Slid:
