@@ -17,12 +17,18 @@ from ident.records.campaign import Array
 STEPS, TRIALS, DAMPING, TIMES = 10, 6, 1e-3, 10.0
 
 
-def follow(problem: Problem, vector: Array, which: Sequence[int], roughly: float) -> Minimum:
+def follow(problem: Problem, vector: Array, joints: Sequence[int], roughly: float) -> Minimum:
     """Levenberg-Marquardt from `vector` [P] with motions and weights made anew at every step, until chi^2 falls by less than the share
-    `roughly`; so are motions for the derivatives by the parameters `which`, by differences, but not for those by the others."""
+    `roughly`; so are motions for the derivatives by effects and what is at `joints`, by differences, but not for those by the others."""
+    n = problem.n
+    which = [
+        k
+        for k in (*range(4 * n), *range(problem.base, len(vector)))
+        if problem.free[k] and (k >= 4 * n or k % n in joints)
+    ]
     with summed(problem) as sums:
         sums.hold(vector)
-        chi2, slope, information = sums.following(vector, which)
+        chi2, slope, information = sums.following(vector, which, joints)
         damping, converged = DAMPING, False
         for _ in range(STEPS):
             for _ in range(TRIALS):
@@ -37,7 +43,7 @@ def follow(problem: Problem, vector: Array, which: Sequence[int], roughly: float
                 break
             fell, vector, damping = chi2 - left, trial, damping / TIMES
             converged = fell < roughly * chi2
-            chi2, slope, information = sums.following(vector, which)
+            chi2, slope, information = sums.following(vector, which, joints)
             if converged or problem.late:
                 break
         return Minimum(vector, information, chi2, converged, sums.slid)

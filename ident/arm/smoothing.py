@@ -40,6 +40,8 @@ STOPS = 2
 MOVED = 1.0
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
+#: Share of its stiffness that a spring has everywhere whose torque tells where it is.
+TENSE = 0.5
 #: chi^2 per degree of freedom below which no other force is looked for; most periods that play is followed for, and in haste.
 EXPLAINED, PERIODS, SHORT = 2.0, 12, 4
 
@@ -321,7 +323,7 @@ def _yielding(
         return Force.of(scene, best), None if last is None else _kept(port.moves(there)[0], best)
     instant = all(isinstance(law, Law) for law in laws)  # of no memory
     if instant and np.array_equal(F[::-1], force(x[::-1], 0.0 * v)):  # of x alone
-        by_place: Callable[[Array], Array] = lambda x: force(x, 0.0 * x)  # noqa: E731
+        by_place: Callable[[Array], Array] = lambda x: force(x, 0.0 * x)
         found = _as_told(arm, key, on, port, by_place, best) if name == "spring" else None
         if found is None:
             rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
@@ -349,8 +351,10 @@ def _as_told(
     def misfit(force: Array) -> float:
         return arm.misfit(on | {key: on[key].plus(Force.of(arm.scene, force))})
 
-    told = law(port.wound(arm.needed(key, on), law))
-    return told if misfit(told) < misfit(found) else None
+    x = port.wound(arm.needed(key, on), law)
+    told, ahead = law(x), np.linspace(x.min(), x.max(), len(x))
+    tense = np.diff(port.K * ahead + law(ahead)).min() > TENSE * port.K * (ahead[1] - ahead[0])
+    return told if tense and misfit(told) < misfit(found) else None
 
 
 def _kept(x: Array, F: Array) -> Slid:

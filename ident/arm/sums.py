@@ -22,6 +22,7 @@ from ident.arm.arm_fit import (
     whitened,
     whitened_by,
 )
+from ident.arm.evidence import Evidence
 from ident.records.campaign import Array
 from ident.records.frf import Complex
 from symgen.forked import standing
@@ -54,19 +55,25 @@ class Share:
         self.last = None
         return [_normal(*of_record) for of_record in self._whitened(vector)]
 
-    def following(self, vector: Array, which: Sequence[int]) -> list[tuple[float, Array, Array, NDArray[np.int64]]]:
-        """As `equations`; derivatives by the parameters `which` are differences between motions found anew."""
-        ahead = [vector + FOLLOWED * self.problem.scale * (np.arange(len(vector)) == k) for k in which]
-        there = [hold(self.problem, other) for other in ahead]
+    def following(
+        self, vector: Array, which: Sequence[int], joints: Sequence[int]
+    ) -> list[tuple[float, Array, Array, NDArray[np.int64]]]:
+        """As `equations`; derivatives by the parameters `which` are differences between motions found anew, and so is what J(q) and
+        the gravity stiffness do by what they are at one of `joints` alone."""
         found = []
-        for record, (one, kept) in enumerate(zip(self.problem.data, self.held, strict=True)):
+        for one, kept in zip(self.problem.data, self.held, strict=True):
+            alone = replace(self.problem, data=(one,))
             white, A, columns = whitened(self.problem, vector, one, kept)
-            follows = np.empty((len(white), len(which)), dtype=complex)
-            for k, (other, held) in enumerate(zip(ahead, there, strict=True)):
-                r = residual(self.problem, other, one, held[record].moved, judged=True)[0]
-                follows[:, k] = (whitened_by(kept.W[one.use], r).ravel() - white) / FOLLOWED
-            A = np.concatenate([A[:, ~np.isin(columns, which)], follows], axis=1)
-            found.append(_normal(white, A, np.concatenate([columns[~np.isin(columns, which)], which])))
+            ways = [(np.arange(len(vector)) == k) * 1.0 for k in which]
+            ways += _own(self.problem, vector, one, joints)
+            for way in ways:
+                there = vector + FOLLOWED * self.problem.scale * way
+                moved = hold(alone, there)[0].moved
+                after = whitened_by(kept.W[one.use], residual(alone, there, one, moved, judged=True)[0]).ravel()
+                along = way[columns]
+                missing = (after - white) / FOLLOWED - A @ along
+                A = A + np.outer(missing, along / (along @ along))
+            found.append(_normal(white, A, columns))
         return found
 
     def curved(self, vector: Array, step: Array, share: float) -> list[tuple[Array, NDArray[np.int64]]]:
@@ -112,9 +119,9 @@ class Sums:
         """Returns chi^2, half its gradient [P] and half its Gauss-Newton Hessian [P, P] per step of `scale`: the information."""
         return self._added(vector, self._of_records("equations", vector))
 
-    def following(self, vector: Array, which: Sequence[int]) -> tuple[float, Array, Array]:
-        """As `equations`, where motions follow the parameters `which`; those at `vector` are held."""
-        return self._added(vector, self._of_records("following", vector, which))
+    def following(self, vector: Array, which: Sequence[int], joints: Sequence[int]) -> tuple[float, Array, Array]:
+        """As `equations`, where motions follow the parameters `which` and what is moved at `joints`; those at `vector` are held."""
+        return self._added(vector, self._of_records("following", vector, which, joints))
 
     def _added(
         self, vector: Array, of_records: list[tuple[float, Array, Array, NDArray[np.int64]]]
@@ -137,6 +144,20 @@ class Sums:
         """The answers of all shares, in the order of the records."""
         answers = [answer for share in self._ask((what, of)) for answer in share]
         return [answers[k] for k in np.argsort(np.concatenate(self._places))]
+
+
+def _own(problem: Problem, vector: Array, one: Evidence, joints: Sequence[int]) -> list[Array]:
+    """The ways [P], in steps of `scale`, along which the inertia, and the gravity stiffness, of each of `joints` that move in a record grow
+    by their size or by theirs alone."""
+    arm, n, D = one.scene.arm, problem.n, problem.D
+    found = []
+    for here in np.flatnonzero(np.isin(arm.live, joints)):
+        for rows, slots in ((arm.J_rows, slice(4 * n, 4 * n + D)), (arm.K_rows, slice(4 * n + D, problem.base))):
+            way = np.zeros(len(vector))
+            way[slots] = rows[here, here] * problem.scale[slots] * problem.free[slots]
+            if way.any():
+                found.append(way / np.linalg.norm(way))
+    return found
 
 
 def _normal(white: Complex, A: Complex, columns: NDArray[np.int64]) -> tuple[float, Array, Array, NDArray[np.int64]]:

@@ -209,7 +209,7 @@ def fitted(bench: Bench, refit: Refit) -> State:
     try:
         with np.errstate(all="ignore"):
             if refit.followed and _moving(refit.effects):
-                minimum = follow(problem, _as_declared(bench, refit), _that_move(problem), refit.roughly)
+                minimum = follow(problem, _as_declared(bench, refit), _moving(refit.effects), refit.roughly)
             else:
                 minimum = minimise(problem, _as_declared(bench, refit), refit.doubts, refit.outer, refit.roughly)
             problem = replace(problem, slid=minimum.slid)
@@ -234,16 +234,10 @@ def winding(effects: Sequence[Effect]) -> set[int | None]:
     return {effect.joint for effect in effects if winds_up(effect) and not isinstance(effect, Learned)}
 
 
-def _moving(effects: Sequence[Effect]) -> set[int | None]:
-    """The joints that named effects wind up, or rub at."""
-    return winding(effects) | {effect.joint for effect in effects if effect.dry and not isinstance(effect, Learned)}
-
-
-def _that_move(problem: Problem) -> list[int]:
-    """The free parameters that motions follow most: of all effects, and of the drives that these wind up, or rub at."""
-    n, joints = problem.n, _moving(problem.effects)
-    drives = [k for k in range(4 * n) if k % n in joints]
-    return [k for k in (*drives, *range(problem.base, len(problem.free))) if problem.free[k]]
+def _moving(effects: Sequence[Effect]) -> list[int]:
+    """The joints that named effects wind up, or rub at: motions follow what is there most."""
+    rubbing = {effect.joint for effect in effects if effect.dry and not isinstance(effect, Learned)}
+    return sorted(joint for joint in winding(effects) | rubbing if joint is not None)
 
 
 def _few(part: tuple[Evidence, ...]) -> tuple[Evidence, ...]:

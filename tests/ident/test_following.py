@@ -51,7 +51,7 @@ def test_derivatives_are_of_the_motion_that_follows() -> None:
     vector = true + np.where(p.free, 0.01, 0.0) * p.scale
     with summed(p) as sums:
         sums.hold(vector)
-        held, following = sums.equations(vector)[1], sums.following(vector, which.tolist())[1]
+        held, following = sums.equations(vector)[1], sums.following(vector, which.tolist(), [1])[1]
     weights = [kept.W for kept in hold(p, vector)]
 
     def chi2(parameter: int, away: float) -> float:
@@ -70,7 +70,7 @@ def test_a_descent_that_motions_follow_ends_where_one_that_holds_them_does_not(t
     start = true.copy()
     start[p.base :] *= times
     near = minimise(p, start, outer=8, roughly=1e-4).vector
-    found = follow(p, near, np.flatnonzero(p.free).tolist(), 1e-4)
+    found = follow(p, near, [1], 1e-4)
     assert left(p, near) > 3.0
     assert found.converged
     assert left(p, found.vector) < 0.95 < left(p, minimise(p, near, outer=8, roughly=1e-4).vector)
