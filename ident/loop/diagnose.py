@@ -325,10 +325,10 @@ def _loop(
     missing: Sequence[Tried] = ()
     for _ in range(MOST_ROUNDS):
         little = bool(added) and is_little(bench, start, state)
-        departs = something_departs(bench, state) or (
-            (not added or reduced_chi2(bench, state) > DOUBTED) and is_suspect(bench, state)
-        )
-        if not departs or (little and reduced_chi2(bench, state) <= NAMED) or bench.late:
+        doubted = not added or reduced_chi2(bench, state) > DOUBTED
+        noisy = little and reduced_chi2(bench, state) <= NAMED
+        departs = (not noisy and something_departs(bench, state)) or (doubted and is_suspect(bench, state))
+        if not departs or bench.late:
             break
         if added and not missing and gives_way(state, bench.split):
             break
