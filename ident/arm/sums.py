@@ -58,15 +58,14 @@ class Share:
     def following(
         self, vector: Array, which: Sequence[int], joints: Sequence[int]
     ) -> list[tuple[float, Array, Array, NDArray[np.int64]]]:
-        """As `equations`; derivatives by the parameters `which` are differences between motions found anew, and so is what J(q) and
-        the gravity stiffness do by what they are at one of `joints` alone."""
+        """As `equations`; derivatives by the parameters `which` are differences between motions found anew, and so is what inertia and
+        gravity stiffness of each of `joints` do."""
         found = []
         for one, kept in zip(self.problem.data, self.held, strict=True):
             alone = replace(self.problem, data=(one,))
             white, A, columns = whitened(self.problem, vector, one, kept)
-            ways = [(np.arange(len(vector)) == k) * 1.0 for k in which]
-            ways += _own(self.problem, vector, one, joints)
-            for way in ways:
+            ways = [(np.arange(len(vector)) == k) * 1.0 for k in which if k in columns]
+            for way in ways + _own(self.problem, one, joints):
                 there = vector + FOLLOWED * self.problem.scale * way
                 moved = hold(alone, there)[0].moved
                 after = whitened_by(kept.W[one.use], residual(alone, there, one, moved, judged=True)[0]).ravel()
@@ -146,14 +145,14 @@ class Sums:
         return [answers[k] for k in np.argsort(np.concatenate(self._places))]
 
 
-def _own(problem: Problem, vector: Array, one: Evidence, joints: Sequence[int]) -> list[Array]:
-    """The ways [P], in steps of `scale`, along which the inertia, and the gravity stiffness, of each of `joints` that move in a record grow
-    by their size or by theirs alone."""
+def _own(problem: Problem, one: Evidence, joints: Sequence[int]) -> list[Array]:
+    """The ways [P], in steps of `scale`, along which J_jj and the gravity stiffness of each of `joints` that move in a record grow fastest:
+    what constants do to a motion they do by these."""
     arm, n, D = one.scene.arm, problem.n, problem.D
     found = []
     for here in np.flatnonzero(np.isin(arm.live, joints)):
         for rows, slots in ((arm.J_rows, slice(4 * n, 4 * n + D)), (arm.K_rows, slice(4 * n + D, problem.base))):
-            way = np.zeros(len(vector))
+            way = np.zeros(len(problem.scale))
             way[slots] = rows[here, here] * problem.scale[slots] * problem.free[slots]
             if way.any():
                 found.append(way / np.linalg.norm(way))

@@ -74,3 +74,20 @@ def test_a_descent_that_motions_follow_ends_where_one_that_holds_them_does_not(t
     assert left(p, near) > 3.0
     assert found.converged
     assert left(p, found.vector) < 0.95 < left(p, minimise(p, near, outer=8, roughly=1e-4).vector)
+
+
+def test_a_record_in_which_the_joint_is_clamped_tells_nothing_of_it() -> None:
+    robot = load_robot(Path(__file__).parents[2] / "robots/ypp3")
+    chain = chain_of_robot(robot)
+    short = replace(robot, experiment=replace(robot.experiment, f0=2.0, periods=3))
+    cells = [(joint, [0.0, 0.4, 0.8]) for joint in ("joint1", "joint2")]
+    bench = bench_of(simulate(chain, short, cells, lock="rigid", effects=[HARD], workers=1), chain)
+    every = (*bench.split.fit, *bench.split.select, *bench.split.report)
+    (clamped,) = {one.index: one for one in every if one.excited == 0}.values()
+    p = bench.problem((clamped,), [HARD], (1e7,), [(0.0, np.inf)])
+    vector = np.concatenate([bench.guess.vector(), HARD.values])
+    with summed(p) as sums:
+        sums.hold(vector)
+        _, slope, information = sums.following(vector, [1, p.base], [1])
+    assert np.isfinite(information).all()
+    assert not slope[[1, p.base]].any() and slope.any()
