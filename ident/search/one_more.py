@@ -17,7 +17,7 @@ TRIED, PROMISED, MUCH = 3, 0.1, 0.5
 #: Times what the best leaves that another may leave to be fitted finely, too.
 NEAR = 2.0
 #: Share of what there was that a name may leave beside which another one does; of what that leaves beyond noise, that both may leave; and
-#: where one of them winds a spring up, whose motion may not be found.
+#: where one of them winds a spring up, or rubs, whose motion may not be found.
 LEAVES, HARDLY, WOUND_UP = 0.7, 0.1, 0.2
 
 
@@ -40,7 +40,8 @@ def leading_to_one_more(bench: Bench, state: State, tried: Sequence[Tried]) -> t
     if not NAMED < reduced_chi2(bench, best) < LEAVES * reduced_chi2(bench, state):
         return None
     lead = finer(bench, best) if best.roughly > FINELY else best
-    share, least = (WOUND_UP, CLOSE) if winds_up(candidate.effect) else (HARDLY, NAMED)
+    hidden = winds_up(candidate.effect) or candidate.effect.dry
+    share, least = (WOUND_UP, CLOSE) if hidden else (HARDLY, NAMED)
     most = min(1.0 + share * (reduced_chi2(bench, lead) - 1.0), least)
     more = _one_more(bench, lead, most, lambda effect: _of_two_causes(candidate.effect, effect))
     return (lead, more) if more else None
