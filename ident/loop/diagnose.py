@@ -214,7 +214,8 @@ class Begun:
             bench.say(f"not named, as it leaves {reduced_chi2(bench, state):.4g}: {added[0].effect.name}")
             state, added = start, []
             left = left_over(bench, start, state)
-        found, contradictions = state, () if left else contradicted(bench, state)
+        bent = bool(left) and reduced_chi2(bench, state) > NAMED  # else few lines depart, and the arm is what it is
+        found, contradictions = state, () if bent else contradicted(bench, state)
         state, off = merged(state, contradictions)
         state = settled(bench, state)
         start = state if found is start else _better(start, added)
