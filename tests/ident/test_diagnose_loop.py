@@ -30,7 +30,7 @@ from ident.records.campaign import Array, Campaign
 from ident.records.frf import estimate
 from ident.search.added import Added, renamed
 from ident.search.candidates import catalogue, otherwise
-from ident.search.departures import groups
+from ident.search.departures import Band, Departure, groups
 from ident.search.refits import HASTILY, Bench, Refit, State, fitted, linearised, reduced_chi2
 from ident.search.rest import (
     _fits_alone,
@@ -572,3 +572,36 @@ def test_what_acts_in_records_that_only_report_is_seen_there(
     state: Any = SimpleNamespace(problem=None, minimum=SimpleNamespace(vector=None))
     bench: Any = SimpleNamespace(split=SimpleNamespace(report=("one",)))
     assert is_unseen.__wrapped__(bench, state) == unseen
+
+
+@pytest.mark.parametrize("suspect", [True, False])
+def test_what_promises_far_beyond_noise_is_tried_where_hardly_more_than_noise_is_left_beside_a_force(
+    suspect: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cable beside a spring that hardens: 1.087 noise powers were left, 1.8 times the noise held out."""
+    found, tried = SimpleNamespace(select=1.087, effects=()), []
+    stand_ins = {
+        "reduced_chi2": lambda bench, state: state.select,
+        "degrees": lambda data: 1,
+        "something_departs": lambda bench, state: True,
+        "is_little": lambda bench, start, state: True,
+        "is_suspect": lambda bench, state: suspect,
+        "links_anew": lambda bench, state: state,
+        "another": lambda bench, state, *more: tried.append(state),
+    }
+    _instead(monkeypatch, stand_ins)
+    bench = SimpleNamespace(split=SimpleNamespace(note="by lines", select=()), late=False, say=lambda line: None)
+    _loop(bench, SimpleNamespace(select=9.0), (found, [SimpleNamespace(partly=())]))
+    assert tried == [found] * suspect
+
+
+@pytest.mark.bench
+def test_declared_numbers_that_are_off_are_told_where_few_lines_depart(
+    model: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = Departure(2, Band(10.0, 30.0), "excited", 6.4, 1.0)
+    _instead(monkeypatch, {"left_over": lambda bench, start, state: (few,)})
+    file = campaign("motor-viscous:damping=3e-5@joint2")
+    found = diagnose(file, model)
+    assert found.left < 1.1 and found.status == "unexplained" and found.departures == (few,)
+    assert (found.off[0].deviation.name, found.off[0].deviation.joint) == ("motor-viscous", 1)
