@@ -15,8 +15,8 @@ from ident.search.one_more import _of_two_causes, leading_to_one_more, one_more
 LEFT = 200.0
 
 
-def name(joint: int | None, gain: float, left: float) -> Tried:
-    effect = SimpleNamespace(name="damping", joint=joint)
+def name(joint: int | None, gain: float, left: float, dry: bool = False) -> Tried:
+    effect = SimpleNamespace(name="friction" if dry else "damping", joint=joint, dry=dry)
     candidate = SimpleNamespace(effect=effect, gain=gain, key=joint)
     minimum = SimpleNamespace(vector=None)
     state = SimpleNamespace(select=left, effects=(effect,), problem=None, minimum=minimum, roughly=0.03)
@@ -70,6 +70,13 @@ def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
         (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(None, 90.0, 0.9), False),
         (name(1, 9.0, 190.0), name(2, 8.0, 199.0), name(2, 90.0, 0.9), False),  # most is left
         (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(2, 90.0, 2.6), False),  # something is left beside both
+        (
+            name(1, 9.0, 50.0, dry=True),
+            name(2, 8.0, 150.0),
+            name(2, 90.0, 4.4),
+            True,
+        ),  # friction's motion is not found yet
+        (name(1, 9.0, 50.0, dry=True), name(2, 8.0, 150.0), name(2, 90.0, 7.0), False),
         (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(2, 19.0, 0.9), False),  # hardly promised
     ],
 )
