@@ -92,7 +92,7 @@ def test_a_name_leads_to_another_that_leaves_nothing(
     both = leading_to_one_more(BENCH, start, [other, lead])
     assert (both is not None) == found
     if both is not None:
-        assert both[0].effects == lead[1].effects and both[1] == [second]
+        assert both[0].effects == lead[1].effects and [one.candidate for one in both[1]] == [second.candidate]
 
 
 def effect(name: str, joint: int | None) -> Effect:
