@@ -78,8 +78,9 @@ def _smoothed(
     rubbing, springy = ([key for key, at in laws.items() if at[kind]] for kind in (0, 1))
     at_once = all(_at_once(effects, port, int(scene.arm.live[k])) for port, k in on) and len(on) <= 1
     mixture, vain, most = Mixture(), 0, MOST_SWEEPS if not at_once and turns >= TURNS else SWEEPS
+    marches = SWEEPS if rubbing else 1  # a march is of the motion under the friction found until then
     for sweep in range(most):
-        before, on = on, _swept(arm, effects, laws, on, slid, turns, sweep == 0)
+        before, on = on, _swept(arm, effects, laws, on, slid, turns, sweep < marches)
         misfit = arm.misfit(on)
         vain = 0 if misfit < least else vain + 1
         hopeless = not misfit < AWAY * least or vain == IN_VAIN
@@ -334,7 +335,7 @@ def _yielding(
     line = slope(x, best), slope(v, best)
     x, v = port.moves(settled(lambda at: port.left_by(force(*port.moves(at)), at, *line) - at, there, turns))
     F = force(x, v)
-    better = min(best, F, key=lambda force: arm.misfit(on | {key: Force.of(scene, force)}))
+    better = min(best, F, key=lambda force: arm.misfit(on | {key: on[key].plus(Force.of(scene, force))}))
     return Force.of(scene, better), _kept(x, F)
 
 

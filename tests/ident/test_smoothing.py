@@ -39,14 +39,14 @@ LINKS = chain_of_robot(load_robot(ROBOTS / "ypp3"))
 
 
 def levels(
-    effect: Effect, joint: str, posture: tuple[float, ...], *besides: Effect, robot: str = "ypp3", f0: float = 0.5
+    effect: Effect, joint: str, posture: tuple[float, ...], *besides: Effect, robot: str = "ypp3", f0: float = 0.5, seed: int = 4
 ) -> tuple[float, float]:
     """chi^2 per degree of freedom of the true arm in one record: with the laws of the measured motion, and of the smoothed one."""
     effects, declared = (effect, *besides), load_robot(ROBOTS / robot)
     declared = replace(declared, experiment=replace(declared.experiment, f0=f0, periods=5))
     chain = chain_of_robot(declared)
     model = make_model(chain, believe_zeros=True)
-    (job,) = design(chain, declared, [(joint, posture)], seed=4, effects=effects)
+    (job,) = design(chain, declared, [(joint, posture)], seed=seed, effects=effects)
     campaign = head(chain, declared, (run(job),))
     basis = gravity_basis(model, campaign.gravity)
     frf = estimate(campaign.records[0], campaign)
@@ -171,8 +171,12 @@ def test_true_parameters_explain_a_record_of_two_effects_at_a_joint(
 
 @pytest.mark.bench
 def test_play_beside_what_rubs_is_met_where_sweeps_alone_lead_away() -> None:
-    """The best of 30 leaves ten times the noise of this record."""
-    assert levels(Backlash(1, (1e-3,)), "joint2", (0.0, 1.2, -0.4), LinkCoulomb(1, (0.4,)))[1] < 1.1
+    """The best of 30 leaves ten times the noise. Of six draws of noise some are explained by another motion near the true one: they leave
+    1.2 to 1.3 times the noise, and one 24 times where what play becomes is followed before friction is known only."""
+    play, rubs = Backlash(1, (1e-3,)), LinkCoulomb(1, (0.4,))
+    left = sorted(levels(play, "joint2", (0.0, 1.2, -0.4), rubs, seed=seed)[1] for seed in range(4, 10))
+    assert left[2] < 1.0
+    assert left[-1] < 1.4
 
 
 def test_ports_that_answer_each_other_by_more_than_it_was_settle_by_mixing() -> None:
