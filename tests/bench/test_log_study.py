@@ -12,8 +12,7 @@ from study import markdown, publish
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "ident"))
 
-from logged import log
-from test_logs import LAWS, found
+from logged import LAWS, found, log
 
 from ident.logs.diagnose import diagnose_log
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ident.logs.diagnose import LogDiagnosis
 from ident.records.log import Log, Trajectory
 from symgen.plan import chain_of_file, model_of_urdf
 
@@ -78,3 +79,27 @@ def _fourier(
         v += w * (c * sine - s * cosine)
         a -= w * w * (s * sine + c * cosine)
     return q + rng.uniform(-0.5, 0.5, n), v, a
+
+
+def friction(m: Moved) -> np.ndarray:
+    return 0.1 * m.typical[4] * np.tanh(m.v / 5e-4)
+
+
+def found(d: LogDiagnosis) -> list[tuple[str, int | None]]:
+    return [(step.term.name, step.term.joint) for step in d.found.steps]
+
+
+#: What acts, at which joint, its name, parameters as `ident.effects` has them from (typical q, v, a, load, tau), and whether it is quick.
+LAWS = [
+    ("motor-coulomb", 1, friction, lambda s: [0.1 * s[4] / N]),
+    ("motor-viscous", 2, lambda m: 0.1 * m.typical[4] * m.v / m.typical[1], lambda s: [0.1 * s[4] / s[1] / N**2]),
+    ("motor-quadratic-drag", 1, lambda m: 0.1 * m.typical[4] * m.v * abs(m.v) / m.typical[1] ** 2,
+     lambda s: [0.1 * s[4] / s[1] ** 2 / N**3]),
+    ("torque-offset", 2, lambda m: np.full(len(m.q), 0.1 * m.typical[4]), lambda s: [-0.1 * s[4] / N]),
+    ("torque-scale", 1, lambda m: 0.05 * m.tau, lambda s: [1 / 1.05 - 1]),
+    ("motor-inertia", 0, lambda m: 0.3 * N**2 * J_M * m.a, lambda s: [0.3 * J_M]),
+    ("cable-stiffness", 1, lambda m: 0.1 * m.typical[4] / m.typical[0] * (m.q - 0.3), lambda s: [0.1 * s[4] / s[0], 0.3]),
+    ("load-dependent-friction", 1, lambda m: 0.05 * abs(m.load) * np.tanh(m.v / 5e-4), lambda s: [0.05]),
+    ("torque-ripple", 0, lambda m: -0.1 * m.typical[4] * np.sin(2 * N * m.q + 1.0), lambda s: [0.1 * s[4] / N, 2.0, 1.0]),
+    ("input-delay", 1, lambda m: 0.004 * np.gradient(m.tau) * 500.0, lambda s: [0.004]),
+]  # fmt: skip
