@@ -27,24 +27,31 @@ def one_more(bench: Bench, state: State) -> list[Tried]:
     if bench.late or reduced_chi2(bench, state) <= CLOSE:
         return []
     most = min(NAMED + CURVE_SHARE * (reduced_chi2(bench, state) - NAMED), CLOSE)
-    return _one_more(bench, state, most, lambda effect: True)
+    return _one_more(bench, state, lambda effect: most, lambda effect: True)
 
 
-def leading_to_one_more(bench: Bench, state: State, tried: Sequence[Tried]) -> tuple[State, list[Tried]] | None:
-    """The model with the best of the names `tried` beyond `state`, if it explains some and one more leaves nothing but noise; and the
-    names tried beyond that. Not two that may take the place of one law that has no name."""
-    named = [one for one in tried if not is_curve(one)]
+def leading_to_one_more(
+    bench: Bench, state: State, tried: Sequence[Tried]
+) -> tuple[list[Tried], tuple[State, list[Tried]] | None]:
+    """The names `tried` beyond `state`, the best fitted finely if it explains some; and the model with that one, if one more leaves
+    nothing but noise, and the names tried beyond it. Not two that may take the place of one law that has no name."""
+    names = list(tried)
+    named = [one for one in names if not is_curve(one)]
     if not named or bench.late or reduced_chi2(bench, state) <= CLOSE:
-        return None
-    candidate, best = plainest(bench, named)
-    if not NAMED < reduced_chi2(bench, best) < LEAVES * reduced_chi2(bench, state):
-        return None
-    lead = finer(bench, best) if best.roughly > FINELY else best
-    hidden = winds_up(candidate.effect) or candidate.effect.dry
-    share, least = (WOUND_UP, CLOSE) if hidden else (HARDLY, NAMED)
-    most = min(1.0 + share * (reduced_chi2(bench, lead) - 1.0), least)
-    more = _one_more(bench, lead, most, lambda effect: _of_two_causes(candidate.effect, effect))
-    return (lead, more) if more else None
+        return names, None
+    best = plainest(bench, named)
+    if not NAMED < reduced_chi2(bench, best.state) < LEAVES * reduced_chi2(bench, state):
+        return names, None
+    lead = finer(bench, best.state) if best.state.roughly > FINELY else best.state
+    names = [one.refitted(lead) if one is best else one for one in names]
+
+    def most(effect: Effect) -> float:
+        hidden = any(winds_up(one) or one.dry for one in (best.candidate.effect, effect))
+        share, least = (WOUND_UP, CLOSE) if hidden else (HARDLY, NAMED)
+        return min(1.0 + share * (reduced_chi2(bench, lead) - 1.0), least)
+
+    more = _one_more(bench, lead, most, lambda effect: _of_two_causes(best.candidate.effect, effect))
+    return names, (lead, more) if more else None
 
 
 def _of_two_causes(one: Effect, other: Effect) -> bool:
@@ -59,7 +66,9 @@ def _of_two_causes(one: Effect, other: Effect) -> bool:
     return apart and not (only_gains(one) and only_gains(other))
 
 
-def _one_more(bench: Bench, state: State, most: float, wanted: Callable[[Effect], bool]) -> list[Tried]:
+def _one_more(
+    bench: Bench, state: State, most: Callable[[Effect], float], wanted: Callable[[Effect], bool]
+) -> list[Tried]:
     """The likeliest names that are `wanted` beyond a model, hastily refitted, the best finely unless one leaves nothing at once, if
     one leaves at most so many noise powers; else none."""
     lin = linearised(state.problem, state.minimum.vector)
@@ -69,7 +78,7 @@ def _one_more(bench: Bench, state: State, most: float, wanted: Callable[[Effect]
     best = min(tried, key=left_by, default=None)
     if best is None or reduced_chi2(bench, best.state) - 1.0 > MUCH * (reduced_chi2(bench, state) - 1.0):
         return []
-    if reduced_chi2(bench, best.state) > min(most, NAMED):
+    if reduced_chi2(bench, best.state) > min(most(best.candidate.effect), NAMED):
         near = [one for one in tried if left_by(one) <= NEAR * left_by(best)]
         tried = [one.refitted(finer(bench, one.state)) if one in near else one for one in tried]
-    return tried if min(reduced_chi2(bench, new) for _, new in tried) <= most else []
+    return tried if any(reduced_chi2(bench, new) <= most(one.effect) for one, new in tried) else []

@@ -56,6 +56,7 @@ class Bench:
 
     The arm that is fitted begins at `guess`; chi^2 grows by `firm` where a number of it is off by all of its size. Nothing new is looked
     for once `time.monotonic()` is `until`. `at_first` is chi^2 on the choosing records without effects; lines on the way go to `say`.
+    `declared` is the declared arm where `guess` is another.
     """
 
     campaign: Campaign
@@ -68,6 +69,7 @@ class Bench:
     until: float = np.inf
     say: Callable[[str], None] = lambda line: None
     at_first: float = np.inf
+    declared: Parameters | None = None
 
     @property
     def late(self) -> bool:

@@ -94,8 +94,7 @@ def another(
         if little or any(reduced_chi2(bench, new) <= NAMED for _, new in tried):
             further = [resting(bench, state, lin)]
         else:
-            likely = likely_names(bench, state, lin)
-            lead = leading_to_one_more(bench, state, likely)
+            likely, lead = leading_to_one_more(bench, state, likely_names(bench, state, lin))
             two = None if lead is None else _with_second(bench, state, *lead, likely, lin)
             if two is not None:
                 return two

@@ -98,9 +98,13 @@ def promising(bench: Bench, likely: Sequence[Candidate], fall: float) -> list[Ca
 
 
 def likely_names(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
-    """The likeliest names beyond `state`, linearised in `lin`, hastily refitted; from the declared arm where the fit is very far off."""
+    """The likeliest names beyond `state`, linearised in `lin`, hastily refitted; from the declared arm where the fit is very far off, or
+    from what was to be a better one, unless all leave much there."""
     if reduced_chi2(bench, state) > FAR:
-        return leader_finely(bench, _from_declared(bench, state, None))
+        names = _from_declared(bench, state, None)
+        if bench.declared is not None and all(left_by(one) > MUCH * state.select for one in names):
+            names += _from_declared(replace(bench, guess=bench.declared), state, None)
+        return leader_finely(bench, names)
     return _from_fitted(bench, state, lin)
 
 

@@ -49,7 +49,7 @@ def unbent(bench: Bench, start: State) -> Bench:
     own = joint + n * np.arange(4)  # of its drive these records tell little, or what is missing, too
     off = own[(own >= 2 * n) | (np.abs(vector[own] - declared[own]) > DOUBTED)]
     vector[off] = declared[off]
-    return replace(bench, guess=Parameters.of(vector, n, D))
+    return replace(bench, guess=Parameters.of(vector, n, D), declared=bench.guess)
 
 
 def _without(bench: Bench, joint: int) -> Bench:

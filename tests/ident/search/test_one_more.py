@@ -77,6 +77,7 @@ def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
             True,
         ),  # friction's motion is not found yet
         (name(1, 9.0, 50.0, dry=True), name(2, 8.0, 150.0), name(2, 90.0, 7.0), False),
+        (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(2, 90.0, 4.4, dry=True), True),  # nor that of the second's
         (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(2, 19.0, 0.9), False),  # hardly promised
     ],
 )
@@ -89,8 +90,12 @@ def test_a_name_leads_to_another_that_leaves_nothing(
 ) -> None:
     beyond.append(second)
     start = name(None, 0.0, LEFT)[1]
-    both = leading_to_one_more(BENCH, start, [other, lead])
+    names, both = leading_to_one_more(BENCH, start, [other, lead])
     assert (both is not None) == found
+    assert names[0] is other and names[1].candidate is lead.candidate
+    assert (names[1].state.select < lead.state.select) == (
+        lead.state.select < 0.7 * LEFT
+    )  # then it is fitted finely once
     if both is not None:
         assert both[0].effects == lead[1].effects and [one.candidate for one in both[1]] == [second.candidate]
 

@@ -33,7 +33,7 @@ from ident.search.finer import curve_finely, finely, leader_finely
 from ident.search.naming import named_by_load, of_any_order, plainer
 from ident.search.refits import FINELY, HASTILY, State
 from ident.search.trace import Linearised
-from ident.search.trials import _finalists, _ringing, ahead, outshines, polished
+from ident.search.trials import _finalists, _ringing, ahead, likely_names, outshines, polished
 from ident.search.tried import again, by_few_lines, refitted
 
 DOF = 1000
@@ -475,3 +475,31 @@ def test_friction_that_is_always_there_and_friction_by_load_are_named_in_a_curve
     if found is not None:
         assert [e.name for e in found.effects[1:]] == ["link-coulomb", "load-dependent-friction"]
         assert [e.values[0] for e in found.effects[1:]] == pytest.approx(named)
+
+
+@pytest.mark.parametrize(
+    ("level", "unbent", "left", "tried"),
+    [
+        (2000.0, True, 900.0, ["unbent", "declared"]),  # what was to be a better arm leads nowhere
+        (2000.0, True, 20.0, ["unbent"]),
+        (2000.0, False, 900.0, ["declared"]),
+        (500.0, True, 400.0, []),
+    ],
+)
+def test_the_declared_arm_is_tried_where_a_better_one_leads_nowhere(
+    level: float, unbent: bool, left: float, tried: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def from_declared(bench: Any, state: State, found: Effect | None) -> list[Tried]:
+        seen.append(bench.guess)
+        return [one(DRY, left)]
+
+    monkeypatch.setattr(ident.search.trials, "_from_declared", from_declared)
+    monkeypatch.setattr(ident.search.trials, "_from_fitted", lambda bench, state, lin: [])
+    own: dict[str, Any] = (
+        {"guess": "unbent", "declared": "declared"} if unbent else {"guess": "declared", "declared": None}
+    )
+    monkeypatch.setattr(ident.search.trials, "replace", lambda bench, **new: SimpleNamespace(**vars(bench) | new))
+    names = likely_names(SimpleNamespace(**vars(BENCH) | own), one(DRY, level)[1], SimpleNamespace())  # type: ignore[arg-type]
+    assert seen == tried and len(names) == len(tried)

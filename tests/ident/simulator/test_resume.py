@@ -92,9 +92,7 @@ def test_kill_9_at_any_moment(whole: bytes, tmp_path: Path) -> None:
     script = "import sys; sys.path.insert(0, sys.argv[1]); from test_resume import *\n"
     script += "if __name__ == '__main__': run_to_file(jobs(), EMPTY, 'c.h5')"
     (tmp_path / "run.py").write_text(script)
-    process = subprocess.Popen(
-        [sys.executable, "run.py", Path(__file__).parent], cwd=tmp_path, start_new_session=True
-    )
+    process = subprocess.Popen([sys.executable, "run.py", Path(__file__).parent], cwd=tmp_path, start_new_session=True)
     partial = tmp_path / "c.h5.partial"
     while process.poll() is None and not list(partial.glob("0*.h5")):
         time.sleep(0.01)
