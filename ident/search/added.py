@@ -13,12 +13,13 @@ from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned, LearnedLaw, at_knots, learned
 from ident.search.candidates import catalogue
 from ident.search.changes import told_of
-from ident.search.choice import ALIKE, LEAST_SHARE, chosen, left_by
+from ident.search.choice import AHEAD, ALIKE, LEAST_SHARE, chosen, left_by
 from ident.search.curves import curves
 from ident.search.departures import errors
 from ident.search.minima import LEAST_GAIN, fully, told
 from ident.search.refits import (
     CLOSE,
+    FINELY,
     HASTILY,
     NAMED,
     Bench,
@@ -105,7 +106,11 @@ def pruned(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[
         by_curve = isinstance(last, Learned) and old.name != "unknown"
         if by_curve and not outdone(old, added):
             continue  # a curve can play any law of its variable: it takes no name away
-        less = without(bench, state, old)
+        less = without(bench, state, old, FINELY if by_curve else HASTILY)
+        if not by_curve:
+            if state.select < AHEAD * less.select:
+                continue  # it is needed: nothing finer need be known
+            less = without(bench, state, old)
         if reduced_chi2(bench, less) <= CLOSE and less.select >= state.select + LEAST_GAIN:
             less = fully(bench, less)
         if less.select < state.select + LEAST_GAIN:

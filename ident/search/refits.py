@@ -267,6 +267,17 @@ def without(bench: Bench, state: State, old: Effect, roughly: float = FINELY) ->
     return fitted(bench, replace(some(state, keep), roughly=roughly))
 
 
+def reordered(bench: Bench, state: State, order: Sequence[int]) -> State:
+    """The same model, its effects in another order."""
+    slots, base = _slots(state), state.problem.base
+    place = np.concatenate([np.arange(base), *(base + slots[k] for k in order)])
+    new, old = some(state, order), state.minimum
+    minimum = replace(old, vector=new.vector, information=old.information[np.ix_(place, place)], weighed=None)
+    problem = bench.problem(state.problem.data, new.effects, new.scales, new.limits)
+    problem = replace(problem, slid=old.slid)
+    return replace(state, effects=new.effects, scales=new.scales, limits=new.limits, minimum=minimum, problem=problem)
+
+
 def some(state: State, keep: Sequence[int]) -> Refit:
     """The model to be refitted with those of its effects at these places, dry friction from anywhere."""
     slots, base = _slots(state), state.problem.base

@@ -12,14 +12,18 @@ from ident.search.refits import (
     Refit,
     State,
     all_fitted,
+    beyond_noise,
     but_last,
     fitted,
     reduced_chi2,
-    some,
+    reordered,
     standing,
     with_last,
 )
 from ident.search.tried import with_candidate
+
+#: Share of what an effect does that it must promise with another whole number to be tried, where nothing is left: promises are nearly right.
+PROMISED = 0.5
 
 
 def otherwise_if_left(bench: Bench, state: State) -> State:
@@ -33,7 +37,9 @@ def last_otherwise(bench: Bench, state: State) -> State:
     if not any(p.whole for p in effect.parameters):
         return state
     plain, lin = standing(bench, state, but_last(state))
-    refits = [with_candidate(plain, candidate, lin) for candidate in otherwise(lin, effect)]
+    least = PROMISED * beyond_noise(plain, lin) if reduced_chi2(bench, state) <= NAMED else 0.0
+    likely = [candidate for candidate in otherwise(lin, effect) if candidate.gain >= least]
+    refits = [with_candidate(plain, candidate, lin) for candidate in likely]
     best = min(all_fitted(bench, refits), key=lambda other: other.select, default=state)
     if best.select >= state.select:
         return state
@@ -50,9 +56,8 @@ def each_otherwise(bench: Bench, state: State) -> State:
         if bench.late or not any(p.whole for p in effect.parameters):
             continue
         order = with_last(state, k)
-        last = state if k == final else fitted(bench, some(state, order))
+        last = state if k == final else reordered(bench, state, order)
         new = last_otherwise(bench, last)
         if new is not last:
-            new = new if k == final else fitted(bench, some(new, np.argsort(order).tolist()))
-            state = min(state, new, key=lambda one: one.select)
+            state = new if k == final else reordered(bench, new, np.argsort(order).tolist())
     return state

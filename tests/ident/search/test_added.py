@@ -136,7 +136,7 @@ def test_what_came_first_is_left_out_by_what_is_left_without_it_at_the_minimum(
     finely: float, closely: float, kept: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     curve = learned("motor", "position", [-1.0, 1.0])(2, (0.1, -0.1))
-    monkeypatch.setattr(ident.search.added, "without", lambda bench, one, old: state(finely, DRY))
+    monkeypatch.setattr(ident.search.added, "without", lambda bench, one, old, roughly=0.0: state(finely, DRY))
     monkeypatch.setattr(ident.search.added, "fully", lambda bench, one: state(closely, *one.effects))
     monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     best, entries = pruned(BENCH, state(0.9, curve, DRY), [entry(curve), entry(DRY)])
@@ -147,7 +147,9 @@ def test_what_was_left_out_leaves_what_it_led_to_to_what_made_it_superfluous(mon
     """Found again later it is told once, and the arm without effects that it led to is not forgotten."""
     led, with_delay, other = state(60.0), state(9.0, DELAY), state(50.0, LAG)
     monkeypatch.setattr(
-        ident.search.added, "without", lambda bench, one, old: state(0.9 + 9.0 * (old is not DELAY), *one.effects[1:])
+        ident.search.added,
+        "without",
+        lambda bench, one, old, roughly=0.0: state(0.9 + 9.0 * (old is not DELAY), *one.effects[1:]),
     )
     monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     first = replace(entry(DELAY), besides=led, partly=(other,))
@@ -160,7 +162,7 @@ def test_what_was_left_out_leaves_what_it_led_to_to_what_made_it_superfluous(mon
 def test_what_came_first_tells_what_the_declared_arm_left_to_what_made_it_superfluous(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(ident.search.added, "without", lambda bench, one, old: state(0.9, DRY))
+    monkeypatch.setattr(ident.search.added, "without", lambda bench, one, old, roughly=0.0: state(0.9, DRY))
     monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     declared, later = (("motor", 2, 0.9),), (("link", 2, 0.4),)
     added = [replace(entry(DELAY), before=0.3, port_shares=declared), replace(entry(DRY), port_shares=later)]
@@ -187,7 +189,7 @@ def test_an_effect_to_which_another_only_led_is_told_by_what_the_arm_without_bot
 def test_a_curve_that_bends_once_another_effect_is_left_out_is_still_told(monkeypatch: pytest.MonkeyPatch) -> None:
     curve, bends = (learned("motor", "position", [-1.0, 1.0], bends=b)(2, (0.1, -0.1)) for b in (False, True))
     earlier = learned("motor", "friction", [0.0])(2, (0.1,))
-    monkeypatch.setattr(ident.search.added, "without", lambda bench, one, old: state(1.5, curve))
+    monkeypatch.setattr(ident.search.added, "without", lambda bench, one, old, roughly=0.0: state(1.5, curve))
     monkeypatch.setattr(ident.search.added, "fully", lambda bench, one: state(0.9, bends))
     monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
     best, entries = pruned(BENCH, state(0.9, earlier, curve), [entry(earlier), entry(curve)])
