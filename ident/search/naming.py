@@ -35,7 +35,9 @@ def plainer(bench: Bench, one: Tried) -> Tried:
         return one
     plain, lin = standing(bench, one.state, but_last(one.state))
     names = catalogue(lin, plain.effects, bench.workers, at=(effect.port, effect.joint))
-    likely = [c for c in names if c.effect.numbers < effect.numbers and c.gain > LIKELY * beyond_noise(plain, lin)]
+    own = [c.gain for c in names if c.effect.name == effect.name]  # dry friction promises less than it does
+    least = LIKELY * min([beyond_noise(plain, lin), *own])
+    likely = [c for c in names if c.effect.numbers < effect.numbers and c.gain > least]
     tried = refitted(bench, plain, [(c, lin) for c in likely])
     near = [other for other in tried if not HOPELESS * left_by(one) < left_by(other)]
     near = [other.refitted(finer(bench, other.state)) for other in near]  # minima take long

@@ -236,22 +236,28 @@ def test_what_promised_most_is_fitted_with_another_whole_number(
 
 
 @pytest.mark.parametrize(
-    ("finely", "at_its_minimum", "best"),
-    [(2.0, 0.91, MotorCoulomb), (2.0, 1.4, MotorStribeck), (2.8, 0.91, MotorStribeck)],
+    ("finely", "at_its_minimum", "beyond", "best"),
+    [
+        (2.0, 0.91, 100.0, MotorCoulomb),
+        (2.0, 1.4, 100.0, MotorStribeck),
+        (2.8, 0.91, 100.0, MotorStribeck),
+        (2.0, 0.91, 1000.0, MotorCoulomb),  # the other promises less than it does, too
+    ],
 )
 def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
-    finely: float, at_its_minimum: float, best: type[Effect], monkeypatch: pytest.MonkeyPatch
+    finely: float, at_its_minimum: float, beyond: float, best: type[Effect], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Only what promises to: drag does not; nor is what stays far behind, fitted finely, taken to its minimum."""
     found = one(MotorStribeck(1, (5e-3, 6e-6, 0.2)), 0.9)
+    found[0].gain = 95.0
     likely, unlikely = one(MotorCoulomb(1, (5e-3,)), 4.0), one(MotorQuadraticDrag(1, (1e-5,)), 0.8)
     likely[0].gain, unlikely[0].gain = 90.0, 20.0
     refits = {likely[0].effect.name: likely, unlikely[0].effect.name: unlikely}
     plain = SimpleNamespace(effects=())
     BENCH.workers = 1
     monkeypatch.setattr(ident.search.naming, "standing", lambda bench, state, keep: (plain, None))
-    monkeypatch.setattr(ident.search.naming, "beyond_noise", lambda state, lin: 100.0)
-    monkeypatch.setattr(ident.search.naming, "catalogue", lambda *of, at: [likely[0], unlikely[0]])
+    monkeypatch.setattr(ident.search.naming, "beyond_noise", lambda state, lin: beyond)
+    monkeypatch.setattr(ident.search.naming, "catalogue", lambda *of, at: [found[0], likely[0], unlikely[0]])
     monkeypatch.setattr(
         ident.search.naming, "refitted", lambda bench, state, short: [refits[c.effect.name] for c, _ in short]
     )
