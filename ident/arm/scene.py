@@ -109,6 +109,8 @@ class Scene:
 
     def of_live(self, impedance: Complex) -> Complex:
         """The part [S, 2m, 2m] of an impedance [S, 2n, 2n] that belongs to the live joints."""
+        if len(self.arm.live) == self.n:
+            return impedance
         both = np.concatenate([self.arm.live, self.n + self.arm.live])
         return impedance[:, both[:, None], both]
 

@@ -81,29 +81,29 @@ def side_of(port: str) -> str:
 
 
 def added(lin: Linearised, effect: Effect) -> list[Complex | None]:
-    """What `effect` adds to the whitened prediction of each record [L, m], to first order in the effect; None: nothing."""
+    """What `effect` adds to the whitened prediction of each record at the lines judged [L, m], to first order in the effect; None: nothing."""
     found: list[Complex | None] = []
     for at, one in enumerate(lin.problem.data):
         scene, motion = one.scene, lin.motions[side_of(effect.port)][at]
         total = _linear(lin, effect, at)
         for (port, k), signal in signals(scene, (effect,), motion).items():
-            push = lin.pushes[at]["sensor" if port == "reading" else port][:, :, k]
+            push = lin.judged[at].pushes["sensor" if port == "reading" else port][:, :, k]
             unit = scene.arm.N[k] if port == "motor" else 1.0
-            total = total + push * (scene.at_lines(signal) / unit)[:, None]
+            total = total + push * (scene.at_lines(signal)[one.use] / unit)[:, None]
         for name, share in effect.shares(one.index).items():
             column = DRIVES.index(name) * scene.n + int(effect.joint or 0)
             place = np.flatnonzero(lin.columns[at] == column)
             if place.size:
-                total = total - lin.A[at][:, :, place[0]] * (np.log1p(share) / lin.problem.scale[column])
+                total = total - lin.A[at][one.use, :, place[0]] * (np.log1p(share) / lin.problem.scale[column])
         found.append(total if np.any(total) else None)
     return found
 
 
 def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
     """What its impedance, gains and shift of posture add in record `at`."""
-    kind, scene, pushes, (p, arm) = type(effect), lin.scenes[at], lin.pushes[at], lin.arms[at]
-    live, s, m = scene.arm.live, scene.s, len(scene.arm.live)
-    total = np.zeros_like(scene.theta)
+    kind, scene, here, (p, arm) = type(effect), lin.scenes[at], lin.judged[at], lin.arms[at]
+    live, s, m = scene.arm.live, here.s, len(scene.arm.live)
+    total = np.zeros_like(here.theta)
     Z: Complex | None = None
     if kind.impedance is not Effect.impedance:
         whole = effect.impedance(s, arm)
@@ -114,13 +114,13 @@ def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
         Z = np.zeros((len(s), 2 * m, 2 * m), dtype=complex)
         Z[:, m:, m:] = s[:, None, None] ** 2 * dJ + dK
     if Z is not None:
-        force = -(Z @ lin.positions[side_of(kind.port)][at][..., None])
-        moved_by = pushes["motor"] @ (force[:, :m] / scene.arm.N[:, None]) + pushes["link"] @ force[:, m:]
+        force = -(Z @ here.positions[side_of(kind.port)][..., None])
+        moved_by = here.pushes["motor"] @ (force[:, :m] / scene.arm.N[:, None]) + here.pushes["link"] @ force[:, m:]
         total = total + moved_by[..., 0]
     if kind.torque_gain is not Effect.torque_gain and (gain := effect.torque_gain(s, arm)) is not None:
-        total = total + (pushes["motor"] @ ((gain[:, live] - 1.0) * lin.acting_torque(at))[..., None])[..., 0]
+        total = total + (here.pushes["motor"] @ ((gain[:, live] - 1.0) * here.torque)[..., None])[..., 0]
     if kind.angle_gain is not Effect.angle_gain and (gain := effect.angle_gain(s, arm)) is not None:
-        total = total + (pushes["sensor"] @ ((gain[:, live] - 1.0) * scene.theta)[..., None])[..., 0]
+        total = total + (here.pushes["sensor"] @ ((gain[:, live] - 1.0) * here.theta)[..., None])[..., 0]
     return total
 
 

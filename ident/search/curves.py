@@ -145,8 +145,9 @@ def _gains(lin: Linearised, kind: type[Response], joint: int) -> tuple[Complex, 
         live = one.scene.arm.live.tolist()
         pushed: list[Complex | None] = [None] * len(kind.knots)
         if joint in live:
-            signal = (lin.acting_torque(at) if port == "motor" else one.scene.theta)[:, live.index(joint)]
-            pushed = [lin.ports[at][port, joint] * (signal * shape)[:, None] for shape in kind.shapes(one.scene.s).T]
+            here, k = lin.judged[at], live.index(joint)
+            signal = (here.torque if port == "motor" else here.theta)[:, k]
+            pushed = [here.pushes[port][:, :, k] * (signal * shape)[:, None] for shape in kind.shapes(here.s).T]
         for column, push in zip(
             columns, (*pushed, *(None if push is None else 1j * push for push in pushed)), strict=True
         ):

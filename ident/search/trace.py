@@ -30,6 +30,18 @@ RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class Judged:
+    """What candidates need of a record, at the lines judged alone: s [L], what unit signals at the ports of live joints do to all whitened
+    angles [L, m, m], and by port (theta / N, q) of the live joints [L, 2m]; their angles and torques as they act [L, m]."""
+
+    s: Complex
+    pushes: dict[str, Complex]
+    positions: dict[str, Complex]
+    theta: Complex
+    torque: Complex
+
+
+@dataclass(frozen=True, eq=False)
 class Linearised:
     """A fit about `vector`, all whitened: residuals [one a record: L, m], Jacobians [L, m, C] with their columns [C], of the
     free parameters in units of `scale`. `W` [one a record: L, m, m]."""
@@ -151,15 +163,28 @@ class Linearised:
             for one, pushes in zip(self.problem.data, self.pushes, strict=True)
         )
 
+    @cached_property
+    def judged(self) -> tuple[Judged, ...]:
+        """Each record at the lines judged."""
+
+        def at(k: int, use: NDArray[np.bool_]) -> Judged:
+            pushes = {port: matrix[use] for port, matrix in self.pushes[k].items()}
+            positions = {port: found[k][use] for port, found in self.positions.items()}
+            return Judged(
+                self.scenes[k].s[use], pushes, positions, self.scenes[k].theta[use], self.acting_torque(k)[use]
+            )
+
+        return tuple(at(k, one.use) for k, one in enumerate(self.problem.data))
+
     def prepare(self) -> None:
         """Computes what all candidates need, once, before they are shared out."""
-        _ = self.information, self.slope, self.motions, self.swings, self.positions, self.ports, self.arms
+        _ = self.information, self.slope, self.motions, self.swings, self.ports, self.arms, self.judged
 
     def step(self, columns: Sequence[Sequence[Complex | None]], leaving: Sequence[int] = ()) -> tuple[Array, float]:
         """Returns how large each new column wants to be, all free parameters refitted, and by how much chi^2 falls.
 
-        A column is what one unit of a parameter adds to the whitened prediction: an array [L, m] a record, None: nothing. Records
-        that are `leaving`, by their places, tell nothing.
+        A column is what one unit of a parameter adds to the whitened prediction at the lines judged: an array [L, m] a record, None:
+        nothing. Records that are `leaving`, by their places, tell nothing.
         """
         k, free = len(columns), np.flatnonzero(self.problem.free)
         X, own, b = np.zeros((len(self.vector), k)), np.zeros((k, k)), np.zeros(k)
@@ -167,7 +192,7 @@ class Linearised:
             here = [i for i in range(k) if columns[i][at] is not None]
             if not here or at in leaving:
                 continue
-            B = np.stack([_real(np.asarray(columns[i][at])[one.use]) for i in here], axis=1)
+            B = np.stack([_real(np.asarray(columns[i][at])) for i in here], axis=1)
             X[np.ix_(where, np.array(here))] += 2.0 * (A.T @ B)
             own[np.ix_(np.array(here), np.array(here))] += 2.0 * (B.T @ B)
             b[here] += 2.0 * (B.T @ _real(r[one.use]))
