@@ -307,10 +307,13 @@ class PeriodicLaw(PortLaw):
     def force(self, motion: Motion) -> Array | None:
         if self.joint is None:
             raise IdentError(f"effect {self.name}: a law of one joint; expected one")
-        if self.linear:
-            return None
+        return None if self.linear else np.asarray(self.over_periods(self.over_period, motion))
+
+    def over_periods(self, law: Callable[[State], Any], motion: Motion) -> Any:
+        """What a law, that of its port and joint, makes over the periods, which differ where it is dry."""
+        assert self.joint is not None
         astray = motion.astray(self.port, self.joint) if self.dry else None
-        return np.asarray(over_periods(self.over_period, motion.state(self.joint), self.port, astray))
+        return over_periods(law, motion.state(self.joint), self.port, astray)
 
     @abstractmethod
     def over_period(self, at: State) -> Any:

@@ -128,6 +128,31 @@ class LearnedCurve(Learned):
             return np.interp(x, self.knots, self.values) + self._beyond(x)
         return np.interp(np.mod(x, self.period), *_tabled(self.values, self.period))
 
+    def parts(self, x: Array) -> Array:
+        """What a unit of each of its heights is where its variable is x [.., S]: [K, .., S]."""
+        knots = np.asarray(self.knots)
+        count, last = len(knots), len(knots) - 2
+        if self.smooth or count < 2:
+            return np.stack(
+                [np.broadcast_to(self.with_values(unit).height(x), np.shape(x)) for unit in np.eye(count).tolist()]
+            )
+        if self.period is not None:
+            place = np.mod(x, self.period) * (TABLED / self.period)
+            left, table = np.minimum(place.astype(int), TABLED - 1), _series(count).T
+            return np.asarray(table[:, left] + (place - left) * (table[:, left + 1] - table[:, left]))
+        left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, last)
+        share = (x - knots[left]) / np.diff(knots)[left]
+        if self.dry or of_place(self.port, self.variable):
+            share = np.clip(share, 0.0, 1.0)
+        found = np.zeros((count, np.size(x)))
+        every = np.arange(np.size(x))
+        found[left.ravel(), every], found[left.ravel() + 1, every] = 1.0 - share.ravel(), share.ravel()
+        return found.reshape(count, *np.shape(x))
+
+    @abstractmethod
+    def each(self, motion: Motion) -> Array:
+        """What a unit of each of its heights makes over a period [K, S]."""
+
     def _spline(self, x: Any) -> Any:
         """The spline through the knots, that goes on as steeply beyond them, or stays as high."""
         spline = CubicSpline(self.knots, self.values)
@@ -151,6 +176,14 @@ class LearnedLaw(LearnedCurve, Law):
     def law(self, at: State) -> Any:
         return self.height(variable(at, self.port, self.variable)) * factor(at, self.port, self.variable)
 
+    def each(self, motion: Motion) -> Array:
+        def laws(at: State) -> Array:
+            x, times = variable(at, self.port, self.variable), factor(at, self.port, self.variable)
+            periods = (1,) * max(np.ndim(times) - np.ndim(x), 0)
+            return np.asarray(self.parts(x).reshape(-1, *periods, *np.shape(x)) * times)
+
+        return np.asarray(self.over_periods(laws, motion))
+
 
 class LearnedReading(LearnedCurve):
     """An error of an encoder that is a curve of where its motor is."""
@@ -158,6 +191,10 @@ class LearnedReading(LearnedCurve):
     def reading(self, motion: Motion) -> Array:
         assert self.joint is not None
         return np.asarray(self.height(motion.signal("theta", self.joint)))
+
+    def each(self, motion: Motion) -> Array:
+        assert self.joint is not None
+        return self.parts(motion.signal("theta", self.joint))
 
     def misread(self, theta: float) -> float:
         return float(self.height(theta))

@@ -161,7 +161,8 @@ class Astray:
 
 
 def over_periods(law: Callable[[State], Any], at: State, port: str, astray: Astray | None) -> Any:
-    """The mean over the periods of a dry law of the velocity at a port, which in each is `astray` from that `at` hand.
+    """The mean over the periods of a dry law of the velocity at a port, or of several [.., S], which in each is `astray` from that `at`
+    hand.
 
     Away from standstill friction is nearly straight, and that of the mean velocity is it.
     """
@@ -173,5 +174,6 @@ def over_periods(law: Callable[[State], Any], at: State, port: str, astray: Astr
     creep = CREEP * (abs(at.N) if port == "motor" else 1.0)
     near = np.flatnonzero((np.abs(velocity) < NEAR * creep + astray.most) & (astray.most > APART * creep))
     forces = law(at.when(near).moved(port, position[near], velocity[near] + astray.apart.take(near, axis=1)))
-    force[near] = np.broadcast_to(forces, (len(astray.apart), len(near))).mean(axis=0)
+    periods = (*force.shape[:-1], len(astray.apart), len(near))
+    force[..., near] = np.broadcast_to(forces, periods).mean(axis=-2)
     return force

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.effects.base import Effect
-from ident.effects.learned import KINDS, VARIABLES, Learned, learned, of_place, variable
+from ident.effects.learned import KINDS, VARIABLES, Learned, LearnedCurve, learned, of_place, variable
 from ident.effects.response import Response, response
 from ident.effects.ringing import Ringing
 from ident.records.campaign import Array
@@ -253,9 +253,25 @@ def _drawn(lin: Linearised, shapes: Sequence[Shape], workers: int) -> list[Candi
 
 def _heights(lin: Linearised, kind: type[Effect], joint: int) -> tuple[Array, float]:
     """Heights of a curve that fit best to first order, and by how much chi^2 falls."""
-    columns = [added(lin, kind(joint, tuple(row))) for row in np.eye(len(kind.parameters)).tolist()]
+    columns = _columns(lin, kind, joint)
     if all(part is None for column in columns for part in column):
         return np.zeros(len(columns)), 0.0
     heights, gain = lin.step(columns)
     low, high = np.transpose([bounds(p, u) for p, u in zip(kind.parameters, units(lin, kind, joint), strict=True)])
     return np.clip(heights, low, high), gain
+
+
+def _columns(lin: Linearised, kind: type[Effect], joint: int) -> list[list[Complex | None]]:
+    """What a unit of each height of a curve adds, as `added` has it: of all at once, where they are those of one curve."""
+    curve = kind(joint, (0.0,) * len(kind.parameters))
+    if not isinstance(curve, LearnedCurve):
+        return [added(lin, curve.with_values(row)) for row in np.eye(len(curve.values)).tolist()]
+    columns: list[list[Complex | None]] = [[] for _ in curve.values]
+    for here, one, motion in zip(lin.judged, lin.problem.data, lin.motions[side_of(kind.port)], strict=True):
+        at = np.flatnonzero(one.scene.arm.live == joint)
+        lines = np.zeros((len(columns), int(one.use.sum())), dtype=complex)
+        if at.size:
+            lines = one.scene.at_lines(curve.each(motion).T).T[:, one.use]
+        for column, line in zip(columns, lines, strict=True):
+            column.append(here.pushes[kind.port][:, :, at[0]] * line[:, None] if line.any() else None)
+    return columns

@@ -24,8 +24,8 @@ from ident.effects.learned import LearnedLaw, as_damping, at_knots, bent, learne
 from ident.effects.motion import State
 from ident.search.added import drawn_over, outdone, pruned
 from ident.search.alike import names_alike
-from ident.search.candidates import Candidate
-from ident.search.curves import PARTS, _repeating, _shape, _wide_at_ends, curves, wave
+from ident.search.candidates import Candidate, added
+from ident.search.curves import PARTS, _columns, _repeating, _shape, _wide_at_ends, curves, wave
 from ident.search.minima import fully, told
 from ident.search.periods import Spectrum, spectrum
 from ident.search.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
@@ -218,6 +218,45 @@ def test_waves_are_looked_for_beside_dry_friction() -> None:
     lin = linearise(end.problem, end.minimum.vector, hold(end.problem, end.minimum.vector))
     seen = spectrum(lin, "motor", "motor", diagnosed.JOINT, 20.0, of="friction")
     assert seen is not None and np.isfinite(seen.fall).all() and seen.fall.max() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("port", "variable", "how"),
+    [
+        ("link", "velocity", {}),
+        ("motor", "position", {}),
+        ("link", "friction", {}),
+        ("motor", "position", {"repeats": 0.7}),
+        ("spring", "position", {"bends": True}),
+        ("motor", "fading", {"bends": True}),
+    ],
+)
+def test_the_parts_of_a_curve_make_it(port: str, variable: str, how: dict[str, Any]) -> None:
+    """Within its knots and beyond, in some periods at once."""
+    knots = np.array([-0.3, -0.1, 0.05, 0.1, 0.2]) if "repeats" not in how else 0.7 * np.arange(5) / 5
+    heights = np.array([0.2, -0.4, 0.1, 0.3, -0.2])
+    curve = learned(port, variable, knots.tolist(), **how)(1, tuple(heights.tolist()))
+    x = np.linspace(-0.5, 0.9, 60).reshape(3, 20)
+    np.testing.assert_allclose(np.tensordot(heights, curve.parts(x), 1), curve.height(x), atol=1e-12)
+    (single,) = learned("motor", "friction", [0.0])(1, (0.3,)).parts(x)
+    assert np.array_equal(single, np.ones_like(x))
+
+
+def test_curves_are_scored_at_once_as_each_height_alone() -> None:
+    """Dry ones, too, where the periods differ, those that repeat themselves, and an encoder's."""
+    end = diagnosed.diagnosis().end
+    lin = linearise(end.problem, end.minimum.vector, hold(end.problem, end.minimum.vector))
+    lin.prepare()
+    steps = {"sliding": 0.05, "friction": 0.02, "position": 0.02, "reading": 0.02}
+    for port, name in (("motor", "sliding"), ("link", "friction"), ("motor", "position"), ("sensor", "reading")):
+        for repeats in (None, 0.1)[: 1 + (name == "position")]:
+            knots = steps[name] * (np.arange(5) if repeats else np.arange(-2, 3))
+            kind = learned(port, name, knots.tolist(), repeats)
+            for heights, column in zip(np.eye(5).tolist(), _columns(lin, kind, diagnosed.JOINT), strict=True):
+                for at_once, alone in zip(column, added(lin, kind(diagnosed.JOINT, tuple(heights))), strict=True):
+                    assert (at_once is None) == (alone is None)
+                    if at_once is not None and alone is not None:
+                        np.testing.assert_allclose(at_once, alone, atol=1e-9 * np.abs(alone).max())
 
 
 def test_no_stretch_at_an_end_is_so_short_that_its_slope_means_nothing() -> None:
@@ -486,7 +525,7 @@ def test_dry_friction_that_a_curve_outdoes_is_learned_friction_of_one_height() -
     np.testing.assert_allclose(flat.law(state(0.3, rates)), named.law(state(0.3, rates)))
 
 
-def added(tools: Bench, state: Fitted, effect: Effect) -> Fitted:
+def with_one_more(tools: Bench, state: Fitted, effect: Effect) -> Fitted:
     """The model with an effect more."""
     size = max(map(abs, effect.values))
     more = (*state.effects, effect), (*state.scales, *(size,) * len(effect.values))
@@ -521,9 +560,9 @@ def test_a_name_that_a_curve_of_its_variable_outdoes_is_in_its_heights() -> None
     """The drag of an eddy brake falls beyond one speed: no drag by the square of it."""
     law = "eddy-brake", 2e-3, 5.0
     tools, alone = bench(*law, rests=NEAR), declared(*law, rests=NEAR)
-    named = added(tools, alone, CATALOGUE["motor-quadratic-drag"](JOINT, (1e-6,)))
+    named = with_one_more(tools, alone, CATALOGUE["motor-quadratic-drag"](JOINT, (1e-6,)))
     here = [c for c in curves(linearised(named.problem, named.minimum.vector)) if c.effect.port == "motor"]
-    both = added(tools, named, next(c.effect for c in here if getattr(c.effect, "variable", "") == "velocity"))
+    both = with_one_more(tools, named, next(c.effect for c in here if getattr(c.effect, "variable", "") == "velocity"))
     entries = [replace(diagnosed.diagnosis().added[0], effect=e, gain=1.0) for e in both.effects]
     found, (entry,) = drawn_over(tools, both, alone, both.effects[0], entries)
     assert [type(e) for e in found.effects] == [type(entry.effect)]
@@ -537,9 +576,9 @@ def test_a_name_that_curves_outdo_is_drawn_as_a_curve() -> None:
     tools = bench("detent", 2e-3, TEETH, 0.4)
     start = declared("detent", 2e-3, TEETH, 0.4)
 
-    named = added(tools, start, CATALOGUE["torque-ripple"](JOINT, (1e-4, 2.0 * TEETH, 0.0)))
+    named = with_one_more(tools, start, CATALOGUE["torque-ripple"](JOINT, (1e-4, 2.0 * TEETH, 0.0)))
     lin = linearise(named.problem, named.minimum.vector, hold(named.problem, named.minimum.vector))
-    both = added(tools, named, curves(lin)[0].effect)
+    both = with_one_more(tools, named, curves(lin)[0].effect)
     gains = (start.select - named.select, named.select - both.select)
     entry = diagnosed.diagnosis().added[0]
     entries = [replace(entry, effect=e, gain=gain) for e, gain in zip(both.effects, gains, strict=True)]
