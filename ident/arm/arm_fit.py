@@ -86,6 +86,12 @@ class Problem:
         return np.array([False] * self.base + of_effects)
 
     @cached_property
+    def shapes(self) -> NDArray[np.bool_]:
+        """Which parameters [P] are other shapes that are never nothing: times, speeds, distances."""
+        of_effects = [p.zero is None and p.low > 0.0 and not p.whole for e in self.effects for p in e.parameters]
+        return np.array([False] * self.base + of_effects) & ~self.giving
+
+    @cached_property
     def springs(self) -> NDArray[np.bool_]:
         """Which parameters [P] are logarithms of stiffnesses of joints beside which something gives, too: what both give adds up."""
         return (np.arange(len(self.scale)) < self.n) & self.giving.any()

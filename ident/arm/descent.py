@@ -173,7 +173,8 @@ def _bend(sums: Sums, vector: Array, step: Array, information: Array, damping: f
     with np.errstate(all="ignore"):  # a bend beyond numbers is none
         bend, size = 0.5 * _step(problem, vector, pushed, information, damping), np.sqrt(np.diag(information))
         small = np.linalg.norm(size * bend) < BEND * np.linalg.norm(size * step)
-    gives, springs = problem.giving, problem.springs
+    gives, springs, falls = problem.giving, problem.springs, problem.shapes & (step < 0.0)
+    bend[falls] -= 0.5 * problem.scale[falls] * step[falls] ** 2 / vector[falls]
     bend[gives] -= problem.scale[gives] * step[gives] ** 2 / vector[gives]
     bend[springs] -= 0.5 * problem.scale[springs] * step[springs] ** 2
     return bend if small else np.zeros_like(bend)
@@ -217,11 +218,13 @@ def _step(problem: Problem, vector: Array, slope: Array, information: Array, dam
 
 def _taken(problem: Problem, vector: Array, step: Array) -> Array:
     """The parameters [P] after a step, within their bounds: what gives by as much as its compliance is to change, with it the joints'
-    springs; a damping that grows more than e-fold by as much as it, not its logarithm, is to."""
+    springs; a damping that grows more than e-fold by as much as it, not its logarithm, is to; a shape that falls as its logarithm,
+    e-fold at most: near its least, where it is hardly felt any more, it would stay."""
     far = problem.dampings & (step > 1.0)
     change = problem.scale * np.where(far, 1.0 + np.log(np.where(far, step, 1.0)), step)
     after = vector + change
-    gives, springs = problem.giving, problem.springs
+    gives, springs, falls = problem.giving, problem.springs, problem.shapes & (change < 0.0)
+    after[falls] = vector[falls] * np.exp(np.maximum(change[falls] / vector[falls], -1.0))
     after[gives] = vector[gives] * _by_compliance(change[gives] / vector[gives])
     after[springs] = vector[springs] + np.log(_by_compliance(change[springs]))
     return np.asarray(np.clip(after, problem.low, problem.high))

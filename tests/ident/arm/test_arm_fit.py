@@ -6,6 +6,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,6 +117,7 @@ def test_what_is_pressed_against_its_bound_is_left_there() -> None:
         free=every,
         giving=none,
         springs=none,
+        shapes=none,
         dampings=none,
         scale=np.ones(2),
     )
@@ -133,7 +135,7 @@ def _damped(slope: float, information: Array) -> Array:
     free, damping = np.array([True, True]), np.array([False, True])
     low, high = np.full(2, -np.inf), np.full(2, np.inf)
     problem = SimpleNamespace(
-        low=low, high=high, free=free, giving=~free, springs=~free, dampings=damping, scale=np.ones(2)
+        low=low, high=high, free=free, giving=~free, springs=~free, shapes=~free, dampings=damping, scale=np.ones(2)
     )
     step = _step(problem, np.zeros(2), np.array([0.3, slope]), information, 0.0)  # type: ignore[arg-type]
     return np.stack([step, _taken(problem, np.zeros(2), step)])  # type: ignore[arg-type]
@@ -153,7 +155,7 @@ def test_what_nothing_shows_does_not_turn_the_step_when_it_is_cut() -> None:
     slope, every, none = np.array([0.3, 0.3, -0.8]), np.ones(3, dtype=bool), np.zeros(3, dtype=bool)
     low, high = np.full(3, -np.inf), np.full(3, np.inf)
     problem = SimpleNamespace(
-        low=low, high=high, free=every, giving=none, springs=none, dampings=none, scale=np.ones(3)
+        low=low, high=high, free=every, giving=none, springs=none, shapes=none, dampings=none, scale=np.ones(3)
     )
     whole = -np.linalg.solve(information, slope)
     assert whole[2] > 50.0 and np.clip(whole, -1.0, 1.0) @ slope < -1.0
@@ -173,12 +175,58 @@ def test_a_joints_spring_gives_way_as_much_as_one_behind_it_takes_on(step: float
     every, springs = np.array([True, True]), np.array([True, False])
     low, high = np.full(2, -np.inf), np.full(2, np.inf)
     problem = SimpleNamespace(
-        low=low, high=high, free=every, giving=~springs, springs=springs, dampings=~every, scale=np.array([1.0, 1000.0])
+        low=low,
+        high=high,
+        free=every,
+        giving=~springs,
+        springs=springs,
+        shapes=~every,
+        dampings=~every,
+        scale=np.array([1.0, 1000.0]),
     )
     steps = np.array([step, -step * k / K * k / 1000.0])
     log_K, other = _taken(problem, np.array([np.log(K), k]), steps)  # type: ignore[arg-type]
     assert abs(np.exp(log_K) / K - 1.0) > 0.1
     assert 1.0 / np.exp(log_K) + 1.0 / other == pytest.approx(1.0 / K + 1.0 / k)
+
+
+@pytest.mark.parametrize(
+    ("step", "after"), [(1.0, 0.033), (-0.01, 0.003 * np.exp(-0.1)), (-0.1, 0.003 / np.e), (-1.0, 0.003 / np.e)]
+)
+def test_a_time_falls_to_a_part_of_itself_at_most_in_a_step(step: float, after: float) -> None:
+    """From three times what it is it went to its least at once, where it is not felt, and stayed: three times the noise was left."""
+    none, bounds = np.array([False]), (np.array([5e-4]), np.array([20.0]))
+    problem = SimpleNamespace(
+        low=bounds[0],
+        high=bounds[1],
+        free=~none,
+        giving=none,
+        springs=none,
+        shapes=~none,
+        dampings=none,
+        scale=np.array([0.03]),
+    )
+    (found,) = _taken(problem, np.array([0.003]), np.array([step]))  # type: ignore[arg-type]
+    assert found == pytest.approx(after)
+
+
+def test_the_shapes_that_are_never_nothing() -> None:
+    """But what gives has its own way, and an order is a whole number."""
+    names = ("spring-relaxation", "motor-stribeck", "torque-ripple", "attached-resonator", "drift-over-records")
+    effects = tuple(CATALOGUE[name].of(1, {}) for name in names)
+    problem: Any = SimpleNamespace(
+        effects=effects, base=0, giving=np.zeros(sum(len(e.values) for e in effects), dtype=bool)
+    )
+    shapes = Problem.shapes.func(problem)  # type: ignore[attr-defined]
+    named = [p.name for e in effects for p in e.parameters]
+    assert [name for name, is_shape in zip(named, shapes, strict=True) if is_shape] == [
+        "time",
+        "speed",
+        "frequency",
+        "records",
+    ]
+    problem.giving = np.array([name == "frequency" for name in named])
+    assert sum(Problem.shapes.func(problem)) == 3  # type: ignore[attr-defined]
 
 
 def test_what_gets_stiffer_far_stays_a_spring() -> None:
