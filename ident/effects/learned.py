@@ -180,7 +180,7 @@ class LearnedLaw(LearnedCurve, Law):
         def laws(at: State) -> Array:
             x, times = variable(at, self.port, self.variable), factor(at, self.port, self.variable)
             periods = (1,) * max(np.ndim(times) - np.ndim(x), 0)
-            return np.asarray(self.parts(x).reshape(-1, *periods, *np.shape(x)) * times)
+            return np.asarray(self.parts(x).reshape(len(self.knots), *periods, *np.shape(x)) * times)
 
         return np.asarray(self.over_periods(laws, motion))
 

@@ -21,7 +21,7 @@ from ident.arm.evidence import gravity_basis
 from ident.effects.base import Effect, Law, Parameter
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import LearnedLaw, as_damping, at_knots, bent, learned
-from ident.effects.motion import State
+from ident.effects.motion import Motion, State
 from ident.search.added import drawn_over, outdone, pruned
 from ident.search.alike import names_alike
 from ident.search.candidates import Candidate, added
@@ -238,6 +238,7 @@ def test_the_parts_of_a_curve_make_it(port: str, variable: str, how: dict[str, A
     curve = learned(port, variable, knots.tolist(), **how)(1, tuple(heights.tolist()))
     x = np.linspace(-0.5, 0.9, 60).reshape(3, 20)
     np.testing.assert_allclose(np.tensordot(heights, curve.parts(x), 1), curve.height(x), atol=1e-12)
+    assert curve.parts(x[:, :0]).shape == (5, 3, 0)
     (single,) = learned("motor", "friction", [0.0])(1, (0.3,)).parts(x)
     assert np.array_equal(single, np.ones_like(x))
 
@@ -257,6 +258,22 @@ def test_curves_are_scored_at_once_as_each_height_alone() -> None:
                     assert (at_once is None) == (alone is None)
                     if at_once is not None and alone is not None:
                         np.testing.assert_allclose(at_once, alone, atol=1e-9 * np.abs(alone).max())
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.2])
+def test_what_each_height_makes_is_the_mean_of_periods_that_differ(apart: float) -> None:
+    """Near standstill, or in a period that never stands still in any of them."""
+    v = (3.0 if apart == 0.0 else 0.0) + np.sin(np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False))
+    faster = apart * np.linspace(-1.0, 1.0, 3)[:, None] * np.ones(40)
+    signals = {"theta": 1e-3 * np.cumsum(v), "omega": v, "tau": 2.0 * v}
+    motion = Motion(
+        1e-3, np.ones(2), np.ones(2), lambda name, joint: signals.get(name, np.zeros(40)), lambda port, joint: faster
+    )
+    for name in ("sliding", "friction", "driven"):
+        friction = learned("motor", name, [-5.0, 0.0, 5.0])(1, (0.1, 0.2, 0.3))
+        np.testing.assert_allclose(
+            np.array(friction.values) @ friction.each(motion), friction.force(motion), atol=1e-12
+        )
 
 
 def test_no_stretch_at_an_end_is_so_short_that_its_slope_means_nothing() -> None:
