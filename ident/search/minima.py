@@ -143,14 +143,16 @@ def crept(bench: Bench, state: State) -> State:
     here, *near = _until_nothing(
         bench, [replace(Refit.of(state), outer=1, roughly=HASTILY), creeping_like(state, FROM[0])]
     )
-    best, dof, found = min([here, *near], key=lambda other: other.select), degrees(bench.split.select), near
-    helps = best.select - dof < CREPT * (here.select - dof)
-    if (
-        near and reduced_chi2(bench, best) > NAMED and (helps or reduced_chi2(bench, here) <= CLOSE)
-    ):  # else more is missing
-        found = [*near, *_until_nothing(bench, [creeping_like(state, decades) for decades in FROM[1:]])]
-    best = min(found, key=lambda other: other.select, default=here)
-    if best.select < here.select - LEAST_GAIN:
+    dof = degrees(bench.split.select)
+
+    def helps(new: State) -> bool:  # else more is missing, which that would be bent to
+        return new.select - dof < CREPT * (here.select - dof) or reduced_chi2(bench, here) <= CLOSE
+
+    best = min([here, *near], key=lambda other: other.select)
+    if near and reduced_chi2(bench, best) > NAMED and helps(best):
+        near += _until_nothing(bench, [creeping_like(state, decades) for decades in FROM[1:]])
+    best = min(near, key=lambda other: other.select, default=here)
+    if best.select < here.select - LEAST_GAIN and helps(best):
         return best
     return here if here.select < FALLING * state.select else state
 
