@@ -19,7 +19,6 @@ from ident.search.departures import errors
 from ident.search.minima import LEAST_GAIN, fully, told
 from ident.search.refits import (
     CLOSE,
-    FINELY,
     HASTILY,
     NAMED,
     Bench,
@@ -98,6 +97,12 @@ def exchanged(bench: Bench, state: State, added: list[Added]) -> tuple[State, li
     return state, added
 
 
+def left_without(bench: Bench, state: State, old: Effect) -> State:
+    """The model without one of its effects; fitted hastily where that is far behind: nothing finer need be known then."""
+    less = without(bench, state, old, HASTILY)
+    return less if state.select < AHEAD * less.select else without(bench, state, old)
+
+
 def pruned(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
     """The model without those earlier effects that the last one of `added` has made superfluous."""
     added = _of_model(state, added)
@@ -106,11 +111,7 @@ def pruned(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[
         by_curve = isinstance(last, Learned) and old.name != "unknown"
         if by_curve and not outdone(old, added):
             continue  # a curve can play any law of its variable: it takes no name away
-        less = without(bench, state, old, FINELY if by_curve else HASTILY)
-        if not by_curve:
-            if state.select < AHEAD * less.select:
-                continue  # it is needed: nothing finer need be known
-            less = without(bench, state, old)
+        less = without(bench, state, old) if by_curve else left_without(bench, state, old)
         if reduced_chi2(bench, less) <= CLOSE and less.select >= state.select + LEAST_GAIN:
             less = fully(bench, less)
         if less.select < state.select + LEAST_GAIN:

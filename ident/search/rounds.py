@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm.parts import degrees, sampled
 from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned
-from ident.search.added import HARDLY_MORE, Added
+from ident.search.added import HARDLY_MORE, Added, left_without
 from ident.search.alike import names_alike
 from ident.search.changes import since, told_of
 from ident.search.choice import (
@@ -39,9 +39,7 @@ from ident.search.refits import (
     CLOSE,
     FEW_SAMPLES,
     FEW_TURNS,
-    FINELY,
     FULLY,
-    HASTILY,
     NAMED,
     Bench,
     Refit,
@@ -166,10 +164,8 @@ def _entered(
     new = since(bench, best.state)
     if vanished(new.effects[-1]) or is_shapeless(new):
         return None
-    hastily = new.select < AHEAD * state.select
-    less = without(bench, new, new.effects[-1], HASTILY if hastily else FINELY)
-    if hastily and new.select >= AHEAD * less.select:
-        less = without(bench, new, new.effects[-1])
+    alone = left_without if new.select < AHEAD * state.select else without
+    less = alone(bench, new, new.effects[-1])
     state = less if less.select < state.select else state  # what is gained by a better fit is no gain of the effect
     if new.roughly < state.roughly and reduced_chi2(bench, state) <= NAMED and earned(bench, state, new):
         less = fitted(bench, replace(Refit.of(state), outer=FULLY, roughly=new.roughly))

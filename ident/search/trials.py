@@ -98,8 +98,8 @@ def promising(bench: Bench, likely: Sequence[Candidate], fall: float) -> list[Ca
 
 
 def likely_names(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
-    """The likeliest names beyond `state`, linearised in `lin`, hastily refitted; from the declared arm where the fit is very far off, or
-    from what was to be a better one, unless all leave much there."""
+    """The likeliest names beyond `state`, linearised in `lin`, hastily refitted; where the fit is very far off from the arm that a
+    fit begins at, and from the declared one, too, if that is another and all leave much from there."""
     if reduced_chi2(bench, state) > FAR:
         names = _from_declared(bench, state, None)
         if bench.declared is not None and all(left_by(one) > MUCH * state.select for one in names):

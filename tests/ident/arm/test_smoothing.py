@@ -216,16 +216,21 @@ def test_friction_is_met_wherever_the_velocity_was_before() -> None:
         assert np.abs(friction(slice(None))(v) + g * v - size * w).max() < 1e-8 * size
 
 
+def one_port(count: int, oversampled: int) -> Scene:
+    """A record at so many lines, of one joint that nothing is known of."""
+    lines, nothing = np.arange(1, count + 1), np.zeros((count, 1), dtype=complex)
+    return Scene(
+        arm=Posture(np.array([0]), np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 1, 0))), n=1, lines=lines, f0=1.0,
+        fs=1000.0, hold="continuous", tau=nothing, theta=nothing,
+        noise=np.zeros((2, 1)), means=np.zeros((2, 1)), posture=np.zeros(1), N=np.ones(1),
+        beyond=(lines[:0], nothing[:0], nothing[:0]), chain=LINKS, gravity=np.zeros(3), oversampled=oversampled,
+    )  # fmt: skip
+
+
 def test_the_force_of_friction_is_met_at_one_place_however_it_is_damped() -> None:
     """Beyond its lines a port is a mass: what is given up there must not depend on the resistance of the turns."""
-    lines, S = np.arange(1, 60), 1024
-    scene = Scene(
-        arm=Posture(np.array([0]), np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 1, 0))), n=1, lines=lines, f0=1.0,
-        fs=1000.0, hold="continuous", tau=np.zeros((59, 1), dtype=complex), theta=np.zeros((59, 1), dtype=complex),
-        noise=np.zeros((2, 1)), means=np.zeros((2, 1)), posture=np.zeros(1), N=np.ones(1),
-        beyond=(lines[:0], np.zeros((0, 1), dtype=complex), np.zeros((0, 1), dtype=complex)), chain=LINKS, gravity=np.zeros(3),
-        oversampled=16,
-    )  # fmt: skip
+    scene, S = one_port(59, 16), 1024
+    lines = scene.lines
     Y = 1.0 / (0.02 * scene.s + 0.05)
     v0 = Y * np.where(lines == 1, 1.2, 0.0)
     assert scene.samples == S
@@ -240,14 +245,7 @@ def test_the_force_of_friction_is_met_at_one_place_however_it_is_damped() -> Non
 def test_friction_in_turns_is_that_of_an_integrated_mass() -> None:
     """m v' = u - c v - level tanh(v / creep) under two harmonics, for many periods."""
     m, c, level, creep = 0.02, 0.05, 1.0, 0.02
-    lines = np.arange(1, 200)
-    scene = Scene(
-        arm=Posture(np.array([0]), np.ones(1), np.ones((1, 1, 1)), np.zeros((1, 1, 0))), n=1, lines=lines, f0=1.0,
-        fs=1000.0, hold="continuous", tau=np.zeros((199, 1), dtype=complex), theta=np.zeros((199, 1), dtype=complex),
-        noise=np.zeros((2, 1)), means=np.zeros((2, 1)), posture=np.zeros(1), N=np.ones(1),
-        beyond=(lines[:0], np.zeros((0, 1), dtype=complex), np.zeros((0, 1), dtype=complex)), chain=LINKS, gravity=np.zeros(3),
-        oversampled=20,
-    )  # fmt: skip
+    scene = one_port(199, 20)
     u = np.zeros(199, dtype=complex)
     u[[0, 4]] = 1.0, 0.8j  # odd: no mean velocity
 
