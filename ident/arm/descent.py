@@ -36,6 +36,8 @@ STRAIGHT, SLOWLY = 0.9, (0.2, 0.9)
 #: Share of the chi^2 with which the last descent began that one before it had, which then is better: another motion was found
 #: since, and the way from there leads elsewhere.
 LOST = 0.8
+#: Shares of the way of a descent that dry friction goes where under the motion found anew all of it leaves more than before.
+BACK = (0.5, 0.25)
 #: Motions found anew, one after another, under forces that follow from them, which leave more than an earlier one did: they lead away.
 ASTRAY = 2
 
@@ -90,6 +92,7 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
     """`minimise`, once somebody sums over the records."""
     P, problem, last, begun = len(vector), sums.problem, np.inf, np.inf
     place, converged = _Place(vector, np.inf, np.zeros(P), np.zeros((P, P))), False
+    begin = vector
     best: Minimum | None = None
     plain: Array | None = None
     shifted, worse = np.zeros(P), 0
@@ -99,6 +102,9 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
         place.weighed(sums, vector, doubt)
         if plain is not None and place.chi2 > begun:
             place.weighed(sums, plain, doubt)
+        for share in BACK if dry and not doubt else ():
+            if place.chi2 > (1.0 + ROUGHLY) * begun:
+                place.weighed(sums, begin + share * (vector - begin), doubt)
         if not doubt and (best is None or place.chi2 < best.chi2):
             best, worse = place.at(sums, False), 0
         elif followed and not doubt and best is not None:

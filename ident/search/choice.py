@@ -23,6 +23,8 @@ TIE, ALIKE = 12.0, 0.05
 #: Share of what any other candidate leaves that one leaves which is far ahead; of what there was, that an effect has to leave less of
 #: which does little of all.
 AHEAD, REST = 0.03, 0.2
+#: Share of what a fine fit leaves that another one leaves in haste, at least, that ends where it did.
+HASTE = 0.7
 #: Share of chi^2 that the descents of two candidates may have left.
 DOUBT = 2.0 * FINELY
 
@@ -48,11 +50,19 @@ def left_by(one: Tried) -> float:
 
 
 def best_names(tried: Sequence[Tried], by: Callable[[Tried], float] = left_by) -> list[Tried]:
-    """The best of each named effect at each joint, best first, `by` chi^2 on the choosing records or something else."""
+    """The best of each named effect at each joint, best first, `by` chi^2 on the choosing records or something else: one that was fitted
+    finely, unless another leaves much less in haste."""
     found: dict[tuple[str, int | None, str], Tried] = {}
     for one in sorted((one for one in tried if not is_curve(one)), key=by):
-        found.setdefault(one.candidate.key, one)
-    return list(found.values())
+        if ended_there(one, found.setdefault(one.candidate.key, one), by):
+            found[one.candidate.key] = one
+    return sorted(found.values(), key=by)
+
+
+def ended_there(fine: Tried, hasty: Tried, by: Callable[[Tried], float] = left_by) -> bool:
+    """Whether a name was fitted finely already where it is in haste, as far as what both leave tells."""
+    finer = fine.state.roughly <= FINELY < hasty.state.roughly
+    return finer and fine.candidate.key == hasty.candidate.key and HASTE * by(fine) <= by(hasty)
 
 
 def vanished(effect: Effect) -> bool:
@@ -104,14 +114,13 @@ def _much_better(bench: Bench, by_curve: float, named: State) -> bool:
 
 
 def drawn_whole(bench: Bench, tried: Sequence[Tried]) -> bool:
-    """Whether a curve of a force is the only one of `tried` that leaves nothing: its name, if it has one, is looked for where it is."""
-    best = min(tried, key=left_by, default=None)
-    return (
-        best is not None
-        and is_curve(best)
-        and has_forces(best.state.effects[-1])
-        and reduced_chi2(bench, best.state) <= NAMED
-    )
+    """Whether a curve of a force is the only one of `tried` that leaves nothing, or little, and is far ahead of all names: its name, if it
+    has one, is looked for where it is."""
+    best, named = min(tried, key=left_by, default=None), best_names(tried)[:1]
+    if best is None or not is_curve(best) or not has_forces(best.state.effects[-1]):
+        return False
+    ahead = any(left_by(best) <= AHEAD * left_by(name) for name in named)
+    return reduced_chi2(bench, best.state) <= (CLOSE if ahead else NAMED)
 
 
 def rings_ahead(tried: Sequence[Tried]) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ident.arm.parts import degrees
-from ident.search.choice import Tried, is_curve, left_by
+from ident.search.choice import Tried, ended_there, is_curve, left_by
 from ident.search.minima import FALLING, told
 from ident.search.refits import CLOSE, FINELY, Bench, Refit, State, all_fitted, fitted, reduced_chi2
 
@@ -47,13 +47,16 @@ def curves_alike(tried: Sequence[Tried]) -> list[Tried]:
     ]
 
 
-def leader_finely(bench: Bench, tried: list[Tried]) -> list[Tried]:
-    """The candidates, the best fitted finely if it leads already: it may be far ahead, and nothing else need be tried."""
+def leader_finely(bench: Bench, tried: list[Tried], earlier: Sequence[Tried] = ()) -> list[Tried]:
+    """The candidates, the best fitted finely if it leads already, unless that ended `earlier` where it is: it may be far ahead, and nothing
+    else need be tried."""
     best = min(tried, key=left_by, default=None)
     others = [left_by(one) for one in tried if best is not None and one.candidate.key != best.candidate.key]
     if best is None or not others or not LEADING < left_by(best) / min(others) < FORWARD:
         return tried
-    return tried if reduced_chi2(bench, best.state) <= CLOSE**2 else with_finer(bench, tried, best)
+    if reduced_chi2(bench, best.state) <= CLOSE**2 or any(ended_there(one, best) for one in earlier):
+        return tried
+    return with_finer(bench, tried, best)
 
 
 def with_finer(bench: Bench, tried: Sequence[Tried], best: Tried) -> list[Tried]:

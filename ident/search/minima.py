@@ -54,6 +54,8 @@ BY_CURVE = 3
 LED_ASTRAY = 50.0
 #: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
 PATIENT, STILL = 8, 0.9
+#: Times that motions are found anew for a model whose last effect rubs, from where it leaves much in haste.
+RUBBED = 4
 #: Share of what a contact leaves that it may leave as it creeps from near where it is expected, for that to be sought farther off.
 CREPT = 0.9
 #: Times what a model leaves that it leaves, at most, where it comes back to where it was, from the declared arm.
@@ -140,16 +142,17 @@ def crept(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if not last.dry or isinstance(last, Creeping | Learned) or reduced_chi2(bench, state) <= NAMED:
         return state
-    here, *near = _until_nothing(
-        bench, [replace(Refit.of(state), outer=1, roughly=HASTILY), creeping_like(state, FROM[0])]
-    )
+    here = fitted(bench, replace(Refit.of(state), outer=RUBBED, roughly=HASTILY))
+    if reduced_chi2(bench, here) <= (CLOSE**2 if reduced_chi2(bench, state) > CLOSE**2 else NAMED):
+        return here
+    near = _until_nothing(bench, [creeping_like(min(here, state, key=lambda one: one.select), FROM[0])])
     dof = degrees(bench.split.select)
 
     def helps(new: State) -> bool:  # else more is missing, which that would be bent to
         return new.select - dof < CREPT * (here.select - dof) or reduced_chi2(bench, here) <= CLOSE
 
     best = min([here, *near], key=lambda other: other.select)
-    if near and reduced_chi2(bench, best) > NAMED and helps(best):
+    if reduced_chi2(bench, best) > NAMED and helps(best):
         near += _until_nothing(bench, [creeping_like(state, decades) for decades in FROM[1:]])
     best = min(near, key=lambda other: other.select, default=here)
     if best.select < here.select - LEAST_GAIN and helps(best):

@@ -58,6 +58,7 @@ from ident.search.trials import (
     explains,
     giving,
     hasty,
+    likeliest,
     likely_names,
     outshines,
     polished,
@@ -241,7 +242,7 @@ def _best(
         if isinstance(best.state.effects[-1], Law) and reduced_chi2(bench, best.state) <= CLOSE**2:
             plain, likely = names_alike(best.state)
             tried += refitted(bench, plain, likely)
-        for name in [] if rings_ahead(tried) else best_names(tried)[:1]:  # which may do as well at its minimum
+        for name in [] if rings_ahead(tried) else likeliest(bench, tried)[:1]:  # which may do as well at its minimum
             tried = [one.refitted(fully(bench, one.state)) if one is name else one for one in tried]
         best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best.state.select) or (is_curve(best) and left_by(best) > state.select):

@@ -129,8 +129,8 @@ def hasty(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> It
     elif state.effects or reduced_chi2(bench, state) > BENT:
         tried = _and_curves(bench, state, lin, names)
         yield tried
-        if reduced_chi2(bench, state) > BENT and _explaining(bench, tried) is None:
-            yield leader_finely(bench, _from_declared(bench, state, None))
+        if reduced_chi2(bench, state) > BENT and not (drawn_whole(bench, tried) or _explaining(bench, tried)):
+            yield leader_finely(bench, _from_declared(bench, state, None), tried)
     else:
         anew = [] if _explaining(bench, names) is not None else _from_declared(bench, state, None)
         tried = _and_curves(bench, state, lin, [*names, *anew])
@@ -223,16 +223,19 @@ def _drawn(bench: Bench, state: State, lin: Linearised, names: Sequence[Tried]) 
     rung = _rung(bench, state, lin, least)
     if any(left_by(one) < ENOUGH * state.select or reduced_chi2(bench, one.state) <= NAMED for one in rung):
         return rung
-    anew = rubbing_anew(bench, state, lin, names)
-    if any(explains(bench, one.state, CLOSE**2) for one in anew):
-        return rung + anew
     laws = curves(lin, bench.workers)[:CURVES]
     ahead = responses(lin, max([least, *(c.gain for c in laws)]), bench.workers)[:CURVES]
-    drawn = [(c, lin) for c in [*laws, *ahead] if c.gain > least] + rubbing(bench, lin, names)
+    tried = rung + refitted(bench, state, [(c, lin) for c in [*laws, *ahead] if c.gain > least])
+    if drawn_whole(bench, tried):
+        return tried
+    tried += rubbing_anew(bench, state, lin, names)
+    if any(not is_curve(one) and explains(bench, one.state, CLOSE**2) for one in tried):
+        return tried
+    more = rubbing(bench, lin, names)
     if ahead and reduced_chi2(bench, state) > BENT:
         declared = linearised(state.problem, as_declared(bench, state))
-        drawn += [(c, declared) for c in responses(declared, 0.0, bench.workers)[:CURVES]]
-    return rung + anew + refitted(bench, state, drawn)
+        more += [(c, declared) for c in responses(declared, 0.0, bench.workers)[:CURVES]]
+    return tried + refitted(bench, state, more)
 
 
 def _rung(bench: Bench, state: State, lin: Linearised, least: float) -> list[Tried]:
@@ -356,6 +359,13 @@ def polished(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     return [one.refitted(better) if one is best_name else one for one in found]
 
 
+def likeliest(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
+    """The best names, no force that a curve which is the whole of what is left is far ahead of."""
+    least = min(map(left_by, tried), default=0.0) if drawn_whole(bench, tried) else np.inf
+    names = best_names(tried)
+    return [one for one in names if only_impedance(one.candidate.effect) or UNLIKELY * left_by(one) <= least]
+
+
 def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     """The candidates to be fitted finely: where a name leaves nothing, those near the noise, or none if it is alone there; where none
     is near, those not far behind the best, but none behind a law that is far ahead, or behind what rings that is. Of the curves the best,
@@ -367,6 +377,8 @@ def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
         return drawn
     if rings_ahead(tried):
         return drawn[:1]
+    if drawn_whole(bench, tried):
+        return drawn + likeliest(bench, tried)[:FINALISTS]
     left = reduced_chi2(bench, named[0].state)
     if explains(bench, named[0].state, CLOSE**2):
         rivals = [one for one in named[:FINALISTS] + (drawn if left > NAMED else []) if left_by(one) <= near]

@@ -104,7 +104,7 @@ def test_no_second_effect_is_looked_for_once_it_is_late(names: bool, monkeypatch
         return []
 
     nothing: Any = SimpleNamespace(
-        problem=None, minimum=SimpleNamespace(vector=None, chi2=0.0), effects=(LinkCoulomb(1, (0.1,)),)
+        problem=None, roughly=1.0, minimum=SimpleNamespace(vector=None, chi2=0.0), effects=(LinkCoulomb(1, (0.1,)),)
     )
     monkeypatch.setattr(ident.search.rounds, "linearised", lambda *of: asked.append("linearised"))
     monkeypatch.setattr(ident.search.rounds, "likely_names", likely)
