@@ -142,7 +142,7 @@ def crept(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if not last.dry or isinstance(last, Creeping | Learned) or reduced_chi2(bench, state) <= NAMED:
         return state
-    here = fitted(bench, replace(Refit.of(state), outer=RUBBED, roughly=HASTILY))
+    here = fitted(bench, replace(_by_own(bench, state), outer=RUBBED, roughly=HASTILY))
     if reduced_chi2(bench, here) <= (CLOSE**2 if reduced_chi2(bench, state) > CLOSE**2 else NAMED):
         return here
     near = _until_nothing(bench, [creeping_like(min(here, state, key=lambda one: one.select), FROM[0])])
@@ -158,6 +158,17 @@ def crept(bench: Bench, state: State) -> State:
     if best.select < here.select - LEAST_GAIN and helps(best):
         return best
     return here if here.select < FALLING * state.select else state
+
+
+def _by_own(bench: Bench, state: State) -> Refit:
+    """The model, its dry last effect as the records that move its joint have it: where it hardly slides it leads others astray."""
+    last, refit = state.effects[-1], Refit.of(state)
+    if not all(any(one.excited == last.joint for one in part) for part in (bench.split.fit, bench.split.select)):
+        return refit
+    own = fitted(bench, replace(refit, outer=RUBBED, roughly=HASTILY, own=True))
+    vector = refit.vector.copy()
+    vector[-len(last.values) :] = own.effects[-1].values
+    return replace(refit, vector=vector)
 
 
 def creeping_like(state: State, decades: float) -> Refit:

@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from ident.effects.base import Effect, only_gains, only_shares, winds_up
 from ident.search.candidates import catalogue
-from ident.search.choice import CURVE_SHARE, Tried, is_curve, left_by, plainest
+from ident.search.choice import CURVE_SHARE, Tried, best_names, is_curve, left_by, plainest
 from ident.search.finer import finer
-from ident.search.refits import CLOSE, FINELY, NAMED, Bench, State, beyond_noise, linearised, reduced_chi2
+from ident.search.minima import told
+from ident.search.refits import (
+    CLOSE,
+    FINELY,
+    HASTILY,
+    NAMED,
+    Bench,
+    State,
+    beyond_noise,
+    fitted,
+    instead,
+    linearised,
+    reduced_chi2,
+    same,
+)
 from ident.search.tried import refitted
 
 #: Names tried, and share of what is left that each must promise, and that the best may leave beyond noise in haste: dry friction's motion
@@ -16,6 +31,8 @@ from ident.search.tried import refitted
 TRIED, PROMISED, MUCH = 3, 0.1, 0.5
 #: Times what the best leaves that another may leave to be fitted finely, too.
 NEAR = 2.0
+#: Times what the best leaves that another name of its joint leaves which may be it.
+ALMOST = 1.3
 #: Share of what there was that a name may leave beside which another one does; of what that leaves beyond noise, that both may leave; and
 #: where one of them winds a spring up, or rubs, whose motion may not be found.
 LEAVES, HARDLY, WOUND_UP = 0.7, 0.1, 0.2
@@ -50,8 +67,29 @@ def leading_to_one_more(
         share, least = (WOUND_UP, CLOSE) if hidden else (HARDLY, NAMED)
         return min(1.0 + share * (reduced_chi2(bench, lead) - 1.0), least)
 
-    more = _one_more(bench, lead, most, lambda effect: _of_two_causes(best.candidate.effect, effect))
-    return names, (lead, more) if more else None
+    more = _tried(bench, lead, most, lambda effect: _of_two_causes(best.candidate.effect, effect))
+    if any(reduced_chi2(bench, new) <= most(one.effect) for one, new in more):
+        return names, (lead, more)
+    return names, _with_a_rival(bench, lead, names, more, most)
+
+
+def _with_a_rival(
+    bench: Bench, lead: State, names: Sequence[Tried], more: Sequence[Tried], most: Callable[[Effect], float]
+) -> tuple[State, list[Tried]] | None:
+    """The model with a name of the joint of `lead` in its place that leaves hardly more, and the best of one `more` beside that, if both
+    leave nothing but noise: what delays a torque is told from what lags by what both leave, if nothing else is missing."""
+    second, effect = min(more, key=left_by, default=None), lead.effects[-1]
+    if second is None or any(winds_up(e) or e.dry for e in (effect, second.candidate.effect)):
+        return None
+    for other in best_names(names):
+        at_its_place = other.candidate.effect.joint == effect.joint and not same(other.candidate.effect, effect)
+        if bench.late or not at_its_place or left_by(other) > ALMOST * lead.select:
+            continue
+        both = fitted(bench, replace(instead(second.state, effect, other.state), roughly=HASTILY))
+        bench.say(f"  with {told(other.state.effects[-1])} instead: {reduced_chi2(bench, both):.4g}")
+        if reduced_chi2(bench, both) <= most(second.candidate.effect):
+            return finer(bench, other.state), [second.refitted(both)]
+    return None
 
 
 def _of_two_causes(one: Effect, other: Effect) -> bool:
@@ -69,8 +107,16 @@ def _of_two_causes(one: Effect, other: Effect) -> bool:
 def _one_more(
     bench: Bench, state: State, most: Callable[[Effect], float], wanted: Callable[[Effect], bool]
 ) -> list[Tried]:
-    """The likeliest names that are `wanted` beyond a model, hastily refitted, the best finely unless one leaves nothing at once, if
-    one leaves at most so many noise powers; else none."""
+    """As `_tried`, if one leaves at most so many noise powers; else none."""
+    tried = _tried(bench, state, most, wanted)
+    return tried if any(reduced_chi2(bench, new) <= most(one.effect) for one, new in tried) else []
+
+
+def _tried(
+    bench: Bench, state: State, most: Callable[[Effect], float], wanted: Callable[[Effect], bool]
+) -> list[Tried]:
+    """The likeliest names that are `wanted` beyond a model, hastily refitted, the best finely unless one leaves nothing at once; none where
+    all leave much."""
     lin = linearised(state.problem, state.minimum.vector)
     names, left = catalogue(lin, state.effects, bench.workers), beyond_noise(state, lin)
     likely = [c for c in names[:TRIED] if c.gain > PROMISED * left and wanted(c.effect)]
@@ -81,4 +127,4 @@ def _one_more(
     if reduced_chi2(bench, best.state) > min(most(best.candidate.effect), NAMED):
         near = [one for one in tried if left_by(one) <= NEAR * left_by(best)]
         tried = [one.refitted(finer(bench, one.state)) if one in near else one for one in tried]
-    return tried if any(reduced_chi2(bench, new) <= most(one.effect) for one, new in tried) else []
+    return tried

@@ -111,7 +111,7 @@ class State:
 class Refit:
     """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it), first with `doubts`; dry friction
     from where it was found last, `slid`; by so many `lines` of a record, None: all, or few if hastily. Motions are held while values change, or
-    `followed` where a force winds up, or rubs."""
+    `followed` where a force winds up, or rubs; by those records alone that move the joint of the last effect, its `own`."""
 
     vector: Array
     effects: tuple[Effect, ...]
@@ -123,6 +123,7 @@ class Refit:
     slid: Slides = field(default_factory=dict)
     lines: int | None = None
     followed: bool = False
+    own: bool = False
 
     @staticmethod
     def of(state: State) -> Refit:
@@ -203,6 +204,8 @@ def fitted(bench: Bench, refit: Refit) -> State:
         fit, select = (tuple(sampled(one, FEW_SAMPLES) for one in part) for part in (fit, select))
     if hasty:
         fit, select = _few(fit), _few(select)
+    if refit.own:
+        fit, select = (tuple(one for one in part if one.excited == refit.effects[-1].joint) for part in (fit, select))
     lines = refit.lines or (FEW_LINES if hasty else None)
     if lines is not None:
         fit, select = (tuple(few_lines(one, lines) for one in part) for part in (fit, select))

@@ -182,15 +182,19 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
 
 
 def _and_curves(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> list[Tried]:
-    """The `names` tried beyond a model, and the likeliest curves where none of them explains the records: beside dry friction, which
-    leaves a little until a model is chosen, as `explains` has it."""
+    """The `names` tried beyond a model, and the likeliest curves where none of them explains the records."""
     tried = list(names)
     if reduced_chi2(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
         tried += _besides(bench, state, lin)
-    rubs = any(effect.dry for effect in state.effects)
-    if not (bench.late or any(explains(bench, new) if rubs else reduced_chi2(bench, new) <= NAMED for _, new in tried)):
+    if not (bench.late or any(_leaves_nothing(bench, new) for _, new in tried)):
         tried += _drawn(bench, state, lin, tried)
     return tried
+
+
+def _leaves_nothing(bench: Bench, state: State) -> bool:
+    """Whether a model leaves nothing but noise: dry friction leaves a little until a model is chosen."""
+    rubs = any(effect.dry for effect in state.effects)
+    return explains(bench, state) if rubs else reduced_chi2(bench, state) <= NAMED
 
 
 def _besides(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
