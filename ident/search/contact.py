@@ -16,7 +16,7 @@ from ident.effects.motor import TorqueScale
 from ident.search.candidates import Candidate, best_of, of_kinds, smallest, units
 from ident.search.choice import Tried, is_curve, left_by
 from ident.search.curves import curve_of
-from ident.search.minima import CREPT, creeping_like, crept, told
+from ident.search.minima import CREPT, creeping_like, crept, told, wound_anew
 from ident.search.refits import (
     BY_ALL,
     HASTILY,
@@ -35,9 +35,13 @@ from ident.search.tried import with_candidate
 
 def as_it_creeps(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
     """The candidates, the best one as its contact creeps, if it is dry and leaves more than `near` times the noise power; plainer laws of
-    its port likewise."""
+    its port likewise. If it winds a spring up, with motions that follow it."""
     best = min(tried, key=left_by, default=None)
-    if best is None or reduced_chi2(bench, best.state) <= near or (state := crept(bench, best.state)) is best.state:
+    if best is None or reduced_chi2(bench, best.state) <= near:
+        return tried
+    if not best.state.effects[-1].dry:
+        return [one.refitted(wound_anew(bench, one.state)) if one is best else one for one in tried]
+    if (state := crept(bench, best.state)) is best.state:
         return tried
     if state.select > CREPT * best.state.select:
         return tried

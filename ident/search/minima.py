@@ -142,7 +142,7 @@ def crept(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if not last.dry or isinstance(last, Creeping | Learned) or reduced_chi2(bench, state) <= NAMED:
         return state
-    here = fitted(bench, replace(_by_own(bench, state), outer=RUBBED, roughly=HASTILY))
+    here = fitted(bench, _by_own(bench, state)[0])
     if reduced_chi2(bench, here) <= (CLOSE**2 if reduced_chi2(bench, state) > CLOSE**2 else NAMED):
         return here
     near = _until_nothing(bench, [creeping_like(min(here, state, key=lambda one: one.select), FROM[0])])
@@ -160,15 +160,31 @@ def crept(bench: Bench, state: State) -> State:
     return here if here.select < FALLING * state.select else state
 
 
-def _by_own(bench: Bench, state: State) -> Refit:
-    """The model, its dry last effect as the records that move its joint have it: where it hardly slides it leads others astray."""
-    last, refit = state.effects[-1], Refit.of(state)
+def _by_own(bench: Bench, state: State, followed: bool = False) -> tuple[Refit, float]:
+    """The model, its last effect as the records that move its joint have it, to be refitted hastily, and the noise powers that it leaves of
+    these: what holds a joint, or hardly slides, leads astray. As it is where there are none."""
+    last, refit = state.effects[-1], replace(Refit.of(state), outer=RUBBED, roughly=HASTILY, followed=followed)
     if not all(any(one.excited == last.joint for one in part) for part in (bench.split.fit, bench.split.select)):
-        return refit
-    own = fitted(bench, replace(refit, outer=RUBBED, roughly=HASTILY, own=True))
+        return refit, reduced_chi2(bench, state)
+    own = fitted(bench, replace(refit, own=True))
     vector = refit.vector.copy()
     vector[-len(last.values) :] = own.effects[-1].values
-    return replace(refit, vector=vector)
+    return replace(refit, vector=vector), reduced_chi2(bench, own)
+
+
+def wound_anew(bench: Bench, state: State) -> State:
+    """The model, whose last effect winds a spring up and leaves much, or one fitted with motions that follow it, if the records that move
+    its joint are explained so."""
+    if bench.late or not winds_up(state.effects[-1]) or isinstance(state.effects[-1], Learned):
+        return state
+    refit, left = _by_own(bench, state, followed=True)
+    if left > CLOSE**2:
+        return state
+    new = fitted(bench, refit)
+    if not new.select < FALLING * state.select:
+        return state
+    bench.say(f"  its motion followed, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
+    return replace(new, followed=False)
 
 
 def creeping_like(state: State, decades: float) -> Refit:
