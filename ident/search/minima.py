@@ -142,7 +142,7 @@ def crept(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if not last.dry or isinstance(last, Creeping | Learned) or reduced_chi2(bench, state) <= NAMED:
         return state
-    here = fitted(bench, _by_own(bench, state)[0])
+    here = _by_own(bench, state)
     if reduced_chi2(bench, here) <= (CLOSE**2 if reduced_chi2(bench, state) > CLOSE**2 else NAMED):
         return here
     near = _until_nothing(bench, [creeping_like(min(here, state, key=lambda one: one.select), FROM[0])])
@@ -160,31 +160,33 @@ def crept(bench: Bench, state: State) -> State:
     return here if here.select < FALLING * state.select else state
 
 
-def _by_own(bench: Bench, state: State, followed: bool = False) -> tuple[Refit, float]:
-    """The model, its last effect as the records that move its joint have it, to be refitted hastily, and the noise powers that it leaves of
-    these: what holds a joint, or hardly slides, leads astray. As it is where there are none."""
-    last, refit = state.effects[-1], replace(Refit.of(state), outer=RUBBED, roughly=HASTILY, followed=followed)
-    if not all(any(one.excited == last.joint for one in part) for part in (bench.split.fit, bench.split.select)):
-        return refit, reduced_chi2(bench, state)
-    own = fitted(bench, replace(refit, own=True))
-    vector = refit.vector.copy()
-    vector[-len(last.values) :] = own.effects[-1].values
-    return replace(refit, vector=vector), reduced_chi2(bench, own)
+def _by_own(bench: Bench, state: State, near: float = np.inf) -> State:
+    """The model fitted hastily from its last effect as the records that move its joint have it, and, if that rubs, the arm that fits it
+    as it is then: what holds a joint, or hardly slides, leads both astray. With motions that follow what winds up; as it is where those
+    records leave more than `near` noise powers. By all records where none move its joint."""
+    last, winds = state.effects[-1], not state.effects[-1].dry
+    refit = replace(Refit.of(state), outer=RUBBED, roughly=HASTILY, followed=winds)
+    if all(any(one.excited == last.joint for one in part) for part in (bench.split.fit, bench.split.select)):
+        own = fitted(bench, replace(refit, own=True))
+        if reduced_chi2(bench, own) > near:
+            return state
+        refit = replace(refit, vector=np.concatenate([refit.vector[: -len(last.values)], own.effects[-1].values]))
+        if not winds:
+            arm = fitted(bench, replace(refit, outer=2, kept=True)).minimum
+            refit = replace(refit, vector=arm.vector, slid=arm.slid)
+    return replace(fitted(bench, refit), followed=False)
 
 
 def wound_anew(bench: Bench, state: State) -> State:
-    """The model, whose last effect winds a spring up and leaves much, or one fitted with motions that follow it, if the records that move
-    its joint are explained so."""
+    """The model, whose last effect winds a spring up and leaves much, or from where the records that move its joint are explained with
+    motions that follow it, if that leaves less."""
     if bench.late or not winds_up(state.effects[-1]) or isinstance(state.effects[-1], Learned):
         return state
-    refit, left = _by_own(bench, state, followed=True)
-    if left > CLOSE**2:
-        return state
-    new = fitted(bench, refit)
+    new = _by_own(bench, state, CLOSE**2)
     if not new.select < FALLING * state.select:
         return state
-    bench.say(f"  its motion followed, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
-    return replace(new, followed=False)
+    bench.say(f"  by its own records first, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
+    return new
 
 
 def creeping_like(state: State, decades: float) -> Refit:

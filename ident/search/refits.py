@@ -111,7 +111,8 @@ class State:
 class Refit:
     """A fit to be made: from where, with which effects, how finely (fall of chi^2 that ends it), first with `doubts`; dry friction
     from where it was found last, `slid`; by so many `lines` of a record, None: all, or few if hastily. Motions are held while values change, or
-    `followed` where a force winds up, or rubs; by those records alone that move the joint of the last effect, its `own`."""
+    `followed` where a force winds up, or rubs; by those records alone that move the joint of the last effect, its `own`; with the values
+    of that effect `kept`."""
 
     vector: Array
     effects: tuple[Effect, ...]
@@ -124,6 +125,7 @@ class Refit:
     lines: int | None = None
     followed: bool = False
     own: bool = False
+    kept: bool = False
 
     @staticmethod
     def of(state: State) -> Refit:
@@ -210,6 +212,8 @@ def fitted(bench: Bench, refit: Refit) -> State:
     if lines is not None:
         fit, select = (tuple(few_lines(one, lines) for one in part) for part in (fit, select))
     problem = replace(bench.problem(fit, *more), slid=refit.slid)
+    if refit.kept:
+        problem.free[-len(refit.effects[-1].values) :] = False
     whole = degrees(bench.split.fit) / degrees(fit), degrees(bench.split.select) / degrees(select)
     try:
         with np.errstate(all="ignore"):
