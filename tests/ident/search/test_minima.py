@@ -16,8 +16,8 @@ from ident.effects.declared import GravityStiffness
 from ident.effects.friction import LinkCoulomb, LinkViscous
 from ident.effects.spring import SpringHardening
 from ident.effects.structure import BaseCompliance
-from ident.search.minima import _closely, _doubted, _plausible, afresh, followed
-from ident.search.refits import FAINTLY, FINELY, HASTILY, Refit, fitted
+from ident.search.minima import _closely, _doubted, _plausible, afresh, crept, followed, wound_anew
+from ident.search.refits import FAINTLY, FINELY, HASTILY, Refit, State, fitted
 
 BENCH: Any = SimpleNamespace(late=False, say=lambda line: None)
 
@@ -165,3 +165,54 @@ def test_what_carries_links_is_told_anew_by_its_stiffnesses_if_it_has_any() -> N
     assert _plausible(tilted) == []
     soft: Any = SimpleNamespace(effects=(BaseCompliance(None, (3e5, 1e6, 60.0, 1e-3)),))
     assert {tuple(values[:2]) for values in _plausible(soft)} == {(3e5, 3e5), (3e5, 12e5)}
+
+
+def by_stages(effect: Effect, stages: dict[str, float], monkeypatch: pytest.MonkeyPatch) -> tuple[Any, list[str], Any]:
+    """A model that leaves 300, and what fits of each stage leave of it, as they are asked for; its bench has records that move joint 1."""
+    asked: list[str] = []
+
+    def fit(bench: Any, refit: Refit) -> Any:
+        stage = "own" if refit.own else "arm" if refit.kept else "all"
+        asked.append(stage + (" followed" if refit.followed else ""))
+        vector = refit.vector + (0.0 if refit.own else 1.0)
+        vector[-len(effect.values) :] = 7.0 if refit.own else refit.vector[-len(effect.values) :]
+        last = effect.with_values(vector[-len(effect.values) :])
+        minimum = Minimum(vector, np.eye(len(vector)), 1.0, True)
+        return State((last,), (), (), minimum, None, stages[stage], HASTILY, refit.followed)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(ident.search.minima, "fitted", fit)
+    monkeypatch.setattr(ident.search.minima, "reduced_chi2", lambda bench, state: state.select)
+    vector = np.concatenate([np.zeros(2), effect.values])
+    minimum = Minimum(vector, np.eye(len(vector)), 1.0, True)
+    moved = (SimpleNamespace(excited=1), SimpleNamespace(excited=2))
+    bench = SimpleNamespace(late=False, say=lambda line: None, split=SimpleNamespace(fit=moved, select=moved))
+    return bench, asked, State((effect,), (), (), minimum, None, 300.0, HASTILY)  # type: ignore[arg-type]
+
+
+def test_friction_is_as_its_own_records_have_it_and_the_arm_beside_it_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, asked, state = by_stages(LinkCoulomb(1, (0.1,)), {"own": 3.0, "arm": 4.0, "all": 1.2}, monkeypatch)
+    found = crept(bench, state)
+    assert asked == ["own", "arm", "all"] and found.select == 1.2
+    assert found.minimum.vector.tolist() == [2.0, 2.0, 7.0], "what it is from its own records, the arm from all"
+
+
+def test_friction_that_no_record_moves_is_fitted_by_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, asked, state = by_stages(LinkCoulomb(0, (0.1,)), {"all": 1.2}, monkeypatch)
+    assert crept(bench, state).select == 1.2 and asked == ["all"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "own", "all_", "asks", "ends"),
+    [
+        (HARD, 1.8, 1.1, ["own followed", "all followed"], 1.1),
+        (HARD, 600.0, 1.1, ["own followed"], 300.0),  # its own records are not explained
+        (HARD, 1.8, 299.0, ["own followed", "all followed"], 300.0),  # the others are not
+        (LinkViscous(1, (0.1,)), 1.8, 1.1, [], 300.0),
+    ],
+)
+def test_what_winds_up_follows_its_motion_by_its_own_records_first(
+    effect: Effect, own: float, all_: float, asks: list[str], ends: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench, asked, state = by_stages(effect, {"own": own, "all": all_}, monkeypatch)
+    found = wound_anew(bench, state)
+    assert asked == asks and found.select == ends and not found.followed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import ident.search.one_more
@@ -11,6 +12,7 @@ from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.search.choice import Tried
 from ident.search.one_more import _of_two_causes, leading_to_one_more, one_more
+from ident.search.refits import Refit, State
 
 LEFT = 200.0
 
@@ -123,3 +125,48 @@ def test_two_names_that_take_the_place_of_one_law(
     one: tuple[str, int | None], other: tuple[str, int | None], two: bool
 ) -> None:
     assert _of_two_causes(effect(*one), effect(*other)) == _of_two_causes(effect(*other), effect(*one)) == two
+
+
+def delayed(kind: str, joint: int, left: float, gain: float = 9.0) -> Tried:
+    """A name that leaves so much, as it is once refitted."""
+    one = effect(kind, joint)
+    candidate = SimpleNamespace(effect=one, gain=gain, key=(kind, joint, one.port))
+    minimum = SimpleNamespace(vector=None)
+    state = SimpleNamespace(select=left, effects=(one,), problem=None, minimum=minimum, roughly=0.002)
+    return Tried(candidate, state)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("rival", "both", "lead"),
+    [
+        (delayed("torque-lag", 1, 55.0), 0.97, "torque-lag"),
+        (delayed("torque-lag", 1, 55.0), 3.0, None),  # that leaves something, too
+        (delayed("torque-lag", 1, 90.0), 0.97, None),  # it left much more alone
+        (delayed("torque-lag", 0, 55.0), 0.97, None),  # of another joint
+    ],
+)
+def test_what_lags_leads_where_what_delays_leaves_something_beside_a_second_name(
+    rival: Tried, both: float, lead: str | None, beyond: list[Tried], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    second = delayed("torque-scale", 2, 6.8, 90.0)
+    beyond.append(second)
+    asked: list[tuple[str, str]] = []
+
+    def swapped(state: State, old: Effect, other: State) -> Refit:
+        asked.append((old.name, other.effects[-1].name))
+        return Refit(np.zeros(1), (*other.effects, *state.effects), (), ())
+
+    def fit(bench: object, refit: Refit) -> SimpleNamespace:
+        return SimpleNamespace(select=both, effects=refit.effects)
+
+    monkeypatch.setattr(ident.search.one_more, "instead", swapped)
+    monkeypatch.setattr(ident.search.one_more, "fitted", fit)
+    monkeypatch.setattr(ident.search.one_more, "_of_two_causes", lambda one, other: True)
+    delay = delayed("input-delay", 1, 50.0)
+    _, found = leading_to_one_more(BENCH, name(None, 0.0, LEFT)[1], [rival, delay])  # type: ignore[arg-type]
+    assert (found and found[0].effects[-1].name) == lead
+    assert asked == (
+        [("input-delay", "torque-lag")] if rival.state.select < 60.0 and rival[0].effect.joint == 1 else []
+    )
+    if found:
+        assert [e.name for e in found[1][0].state.effects] == ["torque-lag", "torque-scale"]

@@ -27,13 +27,23 @@ from ident.effects.ringing import Ringing
 from ident.effects.spring import SpringHardening, TransmissionError
 from ident.effects.structure import AttachedResonator, LinkFlexibility
 from ident.search.candidates import Candidate
-from ident.search.choice import Tried, drawn_whole, hardly_bent, law_leads, plainest, rings_ahead, rivals, vanished
+from ident.search.choice import (
+    Tried,
+    best_names,
+    drawn_whole,
+    hardly_bent,
+    law_leads,
+    plainest,
+    rings_ahead,
+    rivals,
+    vanished,
+)
 from ident.search.contact import rubbing, rubbing_anew
 from ident.search.finer import curve_finely, finely, leader_finely
 from ident.search.naming import named_by_load, of_any_order, plainer
 from ident.search.refits import FINELY, HASTILY, State
 from ident.search.trace import Linearised
-from ident.search.trials import _finalists, _ringing, ahead, likely_names, outshines, polished
+from ident.search.trials import _finalists, _ringing, ahead, likeliest, likely_names, outshines, polished
 from ident.search.tried import again, by_few_lines, refitted
 
 DOF = 1000
@@ -136,6 +146,17 @@ def test_a_name_that_leads_but_not_far_ahead_is_fitted_finely(
     monkeypatch.setattr(ident.search.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     found = leader_finely(BENCH, [one(DRY, 100.0), one(HARD, leads)])
     assert [state.select for _, state in found] == [100.0 * DOF, finer * DOF]
+
+
+@pytest.mark.parametrize(("earlier", "fits"), [([], 1), ([one(HARD, 31.0, FINELY)], 0), ([one(HARD, 31.0)], 1)])
+def test_a_name_that_ended_there_finely_is_not_fitted_so_again(
+    earlier: list[Tried], fits: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Effect] = []
+    monkeypatch.setattr(ident.search.finer, "fitted", lambda bench, effect: asked.append(effect) or one(effect, 1.2)[1])
+    monkeypatch.setattr(ident.search.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
+    leader_finely(BENCH, [one(DRY, 100.0), one(HARD, 30.0)], earlier)
+    assert len(asked) == fits
 
 
 @pytest.mark.parametrize(("left", "promised", "tries"), [(74.0, 900.0, 10), (74.0, 100.0, 0), (3.0, 900.0, 0)])
@@ -328,6 +349,27 @@ def test_a_curve_that_leaves_nothing_ends_the_search_for_other_ports() -> None:
     assert drawn_whole(BENCH, [one(CURVE, 0.96), one(HARD, 2.5)])
     assert not drawn_whole(BENCH, [one(CURVE, 1.4), one(HARD, 2.5)]), "something is left"
     assert not drawn_whole(BENCH, [one(CURVE, 0.96), one(HARD, 0.95)]), "a name does, too"
+    assert drawn_whole(BENCH, [one(CURVE, 1.4), one(HARD, 50.0)]), "it is far ahead of all names"
+    assert not drawn_whole(BENCH, [one(CURVE, 4.0), one(HARD, 500.0)]), "much is left"
+
+
+def test_no_force_is_fitted_behind_a_curve_that_is_far_ahead() -> None:
+    curve, law, near = one(CURVE, 1.2), one(HARD, 50.0), one(WAVE, 9.0)
+    rings = one(AttachedResonator(1, (0.1, 30.0, 0.0)), 60.0)  # which may be far from its place
+    assert likeliest(BENCH, [curve, law, rings]) == [rings]
+    assert likeliest(BENCH, [one(CURVE, 4.0), law, rings]) == [law, rings]
+    assert _finalists(where(100.0), [law, rings, curve]) == [curve, rings]
+    assert near in _finalists(where(100.0), [law, near, one(CURVE, 1.08)])
+
+
+@pytest.mark.parametrize(("hastily", "best"), [(44.0, FINELY), (20.0, HASTILY)])
+def test_a_name_that_was_fitted_finely_is_the_best_of_its_name_unless_another_is_elsewhere(
+    hastily: float, best: float
+) -> None:
+    fine, hasty, other = one(HARD, 51.0, FINELY), one(HARD, hastily), one(DRY, 48.0)
+    assert [name.state.roughly for name in best_names([hasty, other, fine]) if name[0].effect is HARD] == [best]
+    order = [name.state.select for name in best_names([hasty, other, fine])]
+    assert order == sorted(order) and len(order) == 2
 
 
 def test_friction_without_a_force_has_vanished_whatever_its_speed() -> None:
