@@ -16,7 +16,8 @@ from ident.effects.motor import TorqueScale
 from ident.search.candidates import Candidate, best_of, of_kinds, smallest, units
 from ident.search.choice import Tried, is_curve, left_by
 from ident.search.curves import curve_of
-from ident.search.minima import CREPT, creeping_like, crept, told, wound_anew
+from ident.search.minima import CREPT, FALLING, creeping_like, crept, told
+from ident.search.own_records import by_own
 from ident.search.refits import (
     BY_ALL,
     HASTILY,
@@ -28,6 +29,7 @@ from ident.search.refits import (
     fitted,
     reduced_chi2,
     same,
+    winding,
 )
 from ident.search.trace import Linearised
 from ident.search.tried import with_candidate
@@ -35,13 +37,9 @@ from ident.search.tried import with_candidate
 
 def as_it_creeps(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
     """The candidates, the best one as its contact creeps, if it is dry and leaves more than `near` times the noise power; plainer laws of
-    its port likewise. If it winds a spring up, with motions that follow it."""
+    its port likewise."""
     best = min(tried, key=left_by, default=None)
-    if best is None or reduced_chi2(bench, best.state) <= near:
-        return tried
-    if not best.state.effects[-1].dry:
-        return [one.refitted(wound_anew(bench, one.state)) if one is best else one for one in tried]
-    if (state := crept(bench, best.state)) is best.state:
+    if best is None or reduced_chi2(bench, best.state) <= near or (state := crept(bench, best.state)) is best.state:
         return tried
     if state.select > CREPT * best.state.select:
         return tried
@@ -58,6 +56,19 @@ def as_it_creeps(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
         bench.say(f"  likewise, {told(likewise.effects[-1])}: {reduced_chi2(bench, likewise):.4g}")
         found[id(one)] = likewise
     return [one.refitted(found.get(id(one), one.state)) for one in tried]
+
+
+def as_it_winds(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
+    """The candidates, the best one, if it winds a spring up and leaves more than `near` times the noise power, from where the records that
+    move its joint are explained with motions that follow it, if that leaves less."""
+    best = min(tried, key=left_by, default=None)
+    if best is None or reduced_chi2(bench, best.state) <= near or bench.late or not winding(best.state.effects[-1:]):
+        return tried
+    new = by_own(bench, best.state, near)
+    if not new.select < FALLING * best.state.select:
+        return tried
+    bench.say(f"  by its own records first, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
+    return [one.refitted(new) if one is best else one for one in tried]
 
 
 def balanced(lin: Linearised, effects: Sequence[Effect]) -> list[Candidate]:

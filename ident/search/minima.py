@@ -15,6 +15,7 @@ from ident.effects.carried import FARTHEST, Carrying, carrying, of_declared_link
 from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
 from ident.effects.learned import Learned, bent
 from ident.records.campaign import Array
+from ident.search.own_records import by_own
 from ident.search.refits import (
     BY_ALL,
     CLOSE,
@@ -54,8 +55,6 @@ BY_CURVE = 3
 LED_ASTRAY = 50.0
 #: A force that follows from the motion is fitted on so many times, while chi^2 falls to less than this share.
 PATIENT, STILL = 8, 0.9
-#: Times that motions are found anew for a model whose last effect rubs, from where it leaves much in haste.
-RUBBED = 4
 #: Share of what a contact leaves that it may leave as it creeps from near where it is expected, for that to be sought farther off.
 CREPT = 0.9
 #: Times what a model leaves that it leaves, at most, where it comes back to where it was, from the declared arm.
@@ -142,7 +141,7 @@ def crept(bench: Bench, state: State) -> State:
     last = state.effects[-1]
     if not last.dry or isinstance(last, Creeping | Learned) or reduced_chi2(bench, state) <= NAMED:
         return state
-    here = _by_own(bench, state)
+    here = by_own(bench, state)
     if reduced_chi2(bench, here) <= (CLOSE**2 if reduced_chi2(bench, state) > CLOSE**2 else NAMED):
         return here
     near = _until_nothing(bench, [creeping_like(min(here, state, key=lambda one: one.select), FROM[0])])
@@ -158,35 +157,6 @@ def crept(bench: Bench, state: State) -> State:
     if best.select < here.select - LEAST_GAIN and helps(best):
         return best
     return here if here.select < FALLING * state.select else state
-
-
-def _by_own(bench: Bench, state: State, near: float = np.inf) -> State:
-    """The model fitted hastily from its last effect as the records that move its joint have it, and, if that rubs, the arm that fits it
-    as it is then: what holds a joint, or hardly slides, leads both astray. With motions that follow what winds up; as it is where those
-    records leave more than `near` noise powers. By all records where none move its joint."""
-    last, winds = state.effects[-1], not state.effects[-1].dry
-    refit = replace(Refit.of(state), outer=RUBBED, roughly=HASTILY, followed=winds)
-    if all(any(one.excited == last.joint for one in part) for part in (bench.split.fit, bench.split.select)):
-        own = fitted(bench, replace(refit, own=True))
-        if reduced_chi2(bench, own) > near:
-            return state
-        refit = replace(refit, vector=np.concatenate([refit.vector[: -len(last.values)], own.effects[-1].values]))
-        if not winds:
-            arm = fitted(bench, replace(refit, outer=2, kept=True)).minimum
-            refit = replace(refit, vector=arm.vector, slid=arm.slid)
-    return replace(fitted(bench, refit), followed=False)
-
-
-def wound_anew(bench: Bench, state: State) -> State:
-    """The model, whose last effect winds a spring up and leaves much, or from where the records that move its joint are explained with
-    motions that follow it, if that leaves less."""
-    if bench.late or not winds_up(state.effects[-1]) or isinstance(state.effects[-1], Learned):
-        return state
-    new = _by_own(bench, state, CLOSE**2)
-    if not new.select < FALLING * state.select:
-        return state
-    bench.say(f"  by its own records first, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
-    return new
 
 
 def creeping_like(state: State, decades: float) -> Refit:

@@ -24,7 +24,7 @@ from ident.search.choice import (
     left_by,
     rings_ahead,
 )
-from ident.search.contact import as_it_creeps, balanced, besides, rubbing, rubbing_anew
+from ident.search.contact import as_it_creeps, as_it_winds, balanced, besides, rubbing, rubbing_anew
 from ident.search.curves import curves, resonances, responses
 from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
 from ident.search.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, wound_up
@@ -176,9 +176,14 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
             if c.gain > least or k < REFITTED[0] // 2 or (k < most // 2 and c.gain > slight)
         ]
         likely += balanced(lin, state.effects)
-    tried = as_it_creeps(bench, refitted(bench, state, [(c, lin) for c in likely]), CLOSE**2)
+    tried = _as_it_moves(bench, refitted(bench, state, [(c, lin) for c in likely]))
     tried += _ringing(bench, state, lin, tried)
     return _nearest_finely(bench, tried)
+
+
+def _as_it_moves(bench: Bench, tried: list[Tried]) -> list[Tried]:
+    """The candidates, the best one with the motion that its force makes, where it leaves much with motions that were held."""
+    return as_it_winds(bench, as_it_creeps(bench, tried, CLOSE**2), CLOSE**2)
 
 
 def _and_curves(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> list[Tried]:
@@ -271,7 +276,7 @@ def _from_declared(bench: Bench, state: State, found: Effect | None) -> list[Tri
     if found is None and not all_at_once and all(left_by(one) > much for one in tried):
         # a soft base, or lock, bends the whole arm, and promises nothing from there
         tried += _bending(bench, state, declared, lambda e: e.joint is None or isinstance(e, LockedJointElasticity))
-    return as_it_creeps(bench, tried, CLOSE**2)
+    return _as_it_moves(bench, tried)
 
 
 def _bending(

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import ident.search.contact
 import ident.search.minima
+import ident.search.own_records
 import ident.search.refits
 from ident.arm.descent import Minimum
 from ident.effects.base import Effect
@@ -16,7 +18,10 @@ from ident.effects.declared import GravityStiffness
 from ident.effects.friction import LinkCoulomb, LinkViscous
 from ident.effects.spring import SpringHardening
 from ident.effects.structure import BaseCompliance
-from ident.search.minima import _closely, _doubted, _plausible, afresh, crept, followed, wound_anew
+from ident.search.candidates import Candidate
+from ident.search.choice import Tried
+from ident.search.contact import as_it_winds
+from ident.search.minima import _closely, _doubted, _plausible, afresh, crept, followed
 from ident.search.refits import FAINTLY, FINELY, HASTILY, Refit, State, fitted
 
 BENCH: Any = SimpleNamespace(late=False, say=lambda line: None)
@@ -180,8 +185,9 @@ def by_stages(effect: Effect, stages: dict[str, float], monkeypatch: pytest.Monk
         minimum = Minimum(vector, np.eye(len(vector)), 1.0, True)
         return State((last,), (), (), minimum, None, stages[stage], HASTILY, refit.followed)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(ident.search.minima, "fitted", fit)
-    monkeypatch.setattr(ident.search.minima, "reduced_chi2", lambda bench, state: state.select)
+    monkeypatch.setattr(ident.search.own_records, "fitted", fit)
+    for module in (ident.search.minima, ident.search.own_records, ident.search.contact):
+        monkeypatch.setattr(module, "reduced_chi2", lambda bench, state: state.select)
     vector = np.concatenate([np.zeros(2), effect.values])
     minimum = Minimum(vector, np.eye(len(vector)), 1.0, True)
     moved = (SimpleNamespace(excited=1), SimpleNamespace(excited=2))
@@ -214,5 +220,5 @@ def test_what_winds_up_follows_its_motion_by_its_own_records_first(
     effect: Effect, own: float, all_: float, asks: list[str], ends: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench, asked, state = by_stages(effect, {"own": own, "all": all_}, monkeypatch)
-    found = wound_anew(bench, state)
-    assert asked == asks and found.select == ends and not found.followed
+    (found,) = as_it_winds(bench, [Tried(Candidate(effect, 1.0, (1.0,)), state)], 9.0)
+    assert asked == asks and found.state.select == ends and not found.state.followed
