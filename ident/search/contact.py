@@ -1,5 +1,5 @@
-"""Candidates of dry friction, told as their contact creeps before it slides: until then the true law may leave much; and of what is
-balanced by friction that is known."""
+"""Candidates of dry friction, told as their contact creeps before it slides: until then the true law may leave much; of what winds a spring up,
+by the records that move it; and of what is balanced by friction that is known."""
 
 from __future__ import annotations
 

@@ -43,8 +43,9 @@ def one_more(bench: Bench, state: State) -> list[Tried]:
     is missing. None if none does."""
     if bench.late or reduced_chi2(bench, state) <= CLOSE:
         return []
-    most = min(NAMED + CURVE_SHARE * (reduced_chi2(bench, state) - NAMED), CLOSE)
-    return _one_more(bench, state, lambda effect: most, lambda effect: True)
+    least = min(NAMED + CURVE_SHARE * (reduced_chi2(bench, state) - NAMED), CLOSE)
+    tried = _further(bench, state, lambda effect: least, lambda effect: True)
+    return tried if _does(bench, tried, lambda effect: least) else []
 
 
 def leading_to_one_more(
@@ -67,8 +68,8 @@ def leading_to_one_more(
         share, least = (WOUND_UP, CLOSE) if hidden else (HARDLY, NAMED)
         return min(1.0 + share * (reduced_chi2(bench, lead) - 1.0), least)
 
-    more = _tried(bench, lead, most, lambda effect: _of_two_causes(best.candidate.effect, effect))
-    if any(reduced_chi2(bench, new) <= most(one.effect) for one, new in more):
+    more = _further(bench, lead, most, lambda effect: _of_two_causes(best.candidate.effect, effect))
+    if _does(bench, more, most):
         return names, (lead, more)
     return names, _with_a_rival(bench, lead, names, more, most)
 
@@ -87,7 +88,7 @@ def _with_a_rival(
             continue
         both = fitted(bench, replace(instead(second.state, effect, other.state), roughly=HASTILY))
         bench.say(f"  with {told(other.state.effects[-1])} instead: {reduced_chi2(bench, both):.4g}")
-        if reduced_chi2(bench, both) <= most(second.candidate.effect):
+        if _does(bench, [second.refitted(both)], most):
             return finer(bench, other.state), [second.refitted(both)]
     return None
 
@@ -104,15 +105,12 @@ def _of_two_causes(one: Effect, other: Effect) -> bool:
     return apart and not (only_gains(one) and only_gains(other))
 
 
-def _one_more(
-    bench: Bench, state: State, most: Callable[[Effect], float], wanted: Callable[[Effect], bool]
-) -> list[Tried]:
-    """As `_tried`, if one leaves at most so many noise powers; else none."""
-    tried = _tried(bench, state, most, wanted)
-    return tried if any(reduced_chi2(bench, new) <= most(one.effect) for one, new in tried) else []
+def _does(bench: Bench, tried: Sequence[Tried], most: Callable[[Effect], float]) -> bool:
+    """Whether one of those `tried` leaves at most so many noise powers."""
+    return any(reduced_chi2(bench, new) <= most(one.effect) for one, new in tried)
 
 
-def _tried(
+def _further(
     bench: Bench, state: State, most: Callable[[Effect], float], wanted: Callable[[Effect], bool]
 ) -> list[Tried]:
     """The likeliest names that are `wanted` beyond a model, hastily refitted, the best finely unless one leaves nothing at once; none where
