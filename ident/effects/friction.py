@@ -10,11 +10,9 @@ from __future__ import annotations
 
 from typing import Any, final
 
-import numpy as np
-
 from ident.effects.base import Complex, Known, Law, Parameter
 from ident.effects.impedance import at_link
-from ident.effects.motion import State, direction
+from ident.effects.motion import State, bell, direction
 
 _LEVEL = Parameter("level", "Nm", 0.0, 1.0, (0.1, 0.03), linear=True, relative="torque", sliding="N")
 
@@ -43,7 +41,7 @@ class MotorStribeck(Law):
 
     def law(self, at: State) -> Any:
         level, peak, speed = self.values[:3]
-        return -(level + peak * np.exp(-((at.omega / speed) ** 2))) * direction(at.omega, at.N, self.creep)
+        return -(level + peak * bell(at.omega / speed)) * direction(at.omega, at.N, self.creep)
 
 
 @final

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
-from math import tanh
+from math import exp, tanh
 from typing import Any
 
 import numpy as np
@@ -139,6 +139,11 @@ def direction(rate: Any, N: float = 1.0, decades: float = 0.0) -> Any:
     """The smoothed sign of a velocity; a motor's with its gear ratio N. It creeps faster than `CREEP` by so many decades."""
     slides = rate / (CREEP * 10.0**decades * abs(N))
     return tanh(slides) if isinstance(slides, float) else np.tanh(slides)  # a million floats a simulation
+
+
+def bell(x: Any) -> Any:
+    """exp(-x^2)."""
+    return exp(-x * x) if isinstance(x, float) else np.exp(-x * x)
 
 
 @dataclass(frozen=True, eq=False)

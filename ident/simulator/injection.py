@@ -67,6 +67,12 @@ class Injected:
             e for e in self.effects if isinstance(e, PortLaw) and any(e.joint == joint.index for joint in self.live)
         ]
 
+    @property
+    def driven(self) -> list[Effect]:
+        """The effects that drive joints by the motion of others."""
+        rest = [state.theta for state in self.states]
+        return [effect for effect in self.effects if effect.driven(self.states, rest)]
+
     def generator(self) -> Array:
         """[2 nv + m, 2 nv + m] of the arm without its laws, linear about rest: its exponential, times t, takes (positions,
         velocities, motor torques) to where the torques, held, bring them after t [s]."""

@@ -6,7 +6,7 @@ joint is found with the motion that it stops, followed within the step: a dry co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import ceil, floor
 from operator import mul
@@ -27,15 +27,16 @@ Array = NDArray[np.float64]
 #: MuJoCo's stage up to which nothing is found again that forces do not change.
 _MOVED = int(mujoco.mjtStage.mjSTAGE_VEL)
 
-#: Least steps a sample with effects: forces are held over a step, and torques and angles change and are read within samples.
+#: Least steps a sample where forces of effects are held over a step, or torques and angles change or are read within samples.
 STEPS = 4
 #: What a torque at one port does at another is brought up to date every so many samples: at swings of 0.01 rad J(q) hardly moves.
 REFRESH = 20
 
 
 def steps_for(arm: Injected, Ts: float, top: float) -> int:
-    """Steps of the integrator a sample of `Ts` [s] that follow the arm, up to `top` [Hz]; at least `STEPS`."""
-    return max(STEPS, rk4.steps_needed(arm.generator(), 2 * arm.plant.model.nv, Ts, top))
+    """Steps of the integrator a sample of `Ts` [s] that follow the arm, up to `top` [Hz]; at least `STEPS` where it takes these."""
+    within = arm.laws or arm.driven or any(joint.late or joint.path != Path() for joint in arm.live)
+    return max(STEPS if within else 1, rk4.steps_needed(arm.generator(), 2 * arm.plant.model.nv, Ts, top))
 
 
 class Machine:
@@ -50,7 +51,9 @@ class Machine:
         model = self._model = arm.plant.model
         model.opt.timestep = self._h
         data = self._data = mujoco.MjData(model)
-        data.qpos[:] = arm.plant.qpos
+        self._x, self._v, self._a = data.qpos, data.qvel, data.qacc
+        self._u, self._applied = data.ctrl, data.qfrc_applied
+        self._x[:] = arm.plant.qpos
         preload = [float(arm.plant.preload[joint.index]) for joint in arm.live]
         self._lines = [
             (k, Line(joint.path, preload[k], steps, self._h))
@@ -58,18 +61,20 @@ class Machine:
             if joint.path != Path()
         ]
         self._ctrl = np.array([u * joint.path.gain for u, joint in zip(preload, arm.live, strict=True)])
-        data.ctrl[:] = self._ctrl
+        self._u[:] = self._ctrl
         mujoco.mj_forward(model, data)
         self._of_rk4 = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self._lacking = rk4.defect(arm.generator(), 2 * model.nv, Ts, steps) if self._of_rk4 else None
         self._states = [replace(state) for state in arm.states]
         self._rest = [state.theta for state in arm.states]
-        self._driven = [effect for effect in arm.effects if effect.driven(self._states, self._rest)]
+        self._driven = arm.driven
         self._ports, self._memories = _ports(arm, self._states, self._h)
         acting = {law.joint for law in arm.laws}
         self._moving = [(k, joint) for k, joint in enumerate(arm.live) if self._driven or joint.index in acting]
         self._W: list[list[float]] = []
         self._by_motors: list[list[float]] = []
+        self._moved_by_ports: list[Array] = []
+        self._moved_by_motors: list[Array] = []
         self._pulls: list[float | None] = [None] * len(self._ports)
         self._away = np.zeros(2 * model.nv + len(arm.live))
         self._done = 0
@@ -79,7 +84,7 @@ class Machine:
 
     def angles(self) -> list[float]:
         """What the encoders of the live joints read now [m, rad joint side], not yet rounded to counts."""
-        x = self._data.qpos.tolist()
+        x = self._x.tolist()
         return [joint.read(joint.drive.N * x[joint.motor]) / joint.drive.N for joint in self._live]
 
     def recorded(self, theta: Array, resolution: Array) -> Array:
@@ -97,22 +102,22 @@ class Machine:
 
     def advance(self, command: Sequence[float], disturbance: Sequence[float]) -> None:
         """One sample on, with the commanded torques [m, N m], and others that act besides."""
-        data, model = self._data, self._model
+        x, v, u, nv = self._x, self._v, self._u, self._model.nv
         self._last = list(command)
         for k, line in self._lines:
             line.push(command[k])
         direct = [a + b for a, b in zip(command, disturbance, strict=True)]
         away = self._away
-        np.subtract(data.qpos, self._arm.plant.qpos, out=away[: model.nv])
-        away[model.nv : 2 * model.nv] = data.qvel
-        if self._ports and self._done % REFRESH == 0:
+        np.subtract(x, self._arm.plant.qpos, out=away[:nv])
+        away[nv : 2 * nv] = v
+        if (self._ports or self._lines) and self._done % REFRESH == 0:
             self._share()
         self._done += 1
         if not self._lines:
-            data.ctrl[:] = direct
-            away[2 * model.nv :] = data.ctrl - self._ctrl
+            u[:] = direct
+            np.subtract(u, self._ctrl, out=away[2 * nv :])
         if not (self._lines or self._ports or self._driven or self._moments):
-            mujoco.mj_step(model, data, self._steps)
+            mujoco.mj_step(self._model, self._data, self._steps)
         else:
             mean = [0.0] * len(direct)
             for j in range(self._steps):
@@ -123,31 +128,28 @@ class Machine:
                         direct[k] = torque + disturbance[k]
                         if missing:
                             short.append((k, missing))
-                    data.ctrl[:] = direct
+                    u[:] = direct
                     mean = [a + b for a, b in zip(mean, direct, strict=True)]
                 self._step(j)
-                if short:
-                    self._make_up((self._live[k].motor, missing * self._live[k].drive.N) for k, missing in short)
+                for k, missing in short:
+                    x += missing * self._moved_by_motors[k]
             if self._lines:
-                away[2 * model.nv :] = np.array(mean) / self._steps - self._ctrl
+                away[2 * nv :] = np.array(mean) / self._steps - self._ctrl
         if self._lacking is not None:
             lacking = self._lacking @ away
-            data.qpos[:] += lacking[: model.nv]
-            data.qvel[:] += lacking[model.nv :]
+            x += lacking[:nv]
+            v += lacking[nv:]
 
     def _step(self, j: int) -> None:
-        data, model = self._data, self._model
         before = [self._motor(k) for k, _, _, step in self._moments if step == j] if self._moments else None
         if self._ports or self._driven:
             self._push()
             self._move()
         else:
-            mujoco.mj_step(model, data)
-        if self._ports and any(port.ahead for port in self._ports):
-            ahead = [port.ahead / self._W[k][k] for k, port in enumerate(self._ports)]
-            self._make_up(
-                (dof, factor * far) for far, port in zip(ahead, self._ports, strict=True) for dof, factor in port.push
-            )
+            mujoco.mj_step(self._model, self._data)
+        for k, port in enumerate(self._ports):
+            if port.ahead:
+                self._x += (port.ahead / self._W[k][k]) * self._moved_by_ports[k]
         if before:
             here = [moment for moment in self._moments if moment[3] == j]
             for (k, _, part, _), (x, v) in zip(here, before, strict=True):
@@ -156,20 +158,19 @@ class Machine:
     def _motor(self, k: int) -> tuple[float, float]:
         joint = self._live[k]
         N = joint.drive.N
-        return N * float(self._data.qpos[joint.motor]), N * float(self._data.qvel[joint.motor])
+        return N * float(self._x[joint.motor]), N * float(self._v[joint.motor])
 
     def _push(self) -> None:
         """Puts the forces of all laws for the next step into the simulation."""
-        data, h = self._data, self._h
-        data.qfrc_applied[:] = 0.0
-        mujoco.mj_forward(self._model, data)
-        x, v, a = data.qpos.tolist(), data.qvel.tolist(), data.qacc.tolist()
+        self._applied.fill(0.0)
+        mujoco.mj_forward(self._model, self._data)
+        x, v, a, u = self._x.tolist(), self._v.tolist(), self._a.tolist(), self._u.tolist()
         for joint, remember in self._memories:
             state = self._states[joint.index]
             state.theta, state.q = joint.drive.N * x[joint.motor], x[joint.motor] + x[joint.spring]
             state.deflection = -x[joint.spring]
             remember(state)
-        self._half_way(x, v, a)
+        self._half_way(x, v, a, u)
         applied = [0.0] * len(v)
         if self._driven:
             at = {joint.index: joint for joint in self._live}
@@ -177,17 +178,17 @@ class Machine:
                 for port, index, F in effect.driven(self._states, self._rest):
                     for dof, factor in _push_of(at[index], port) if index in at else ():
                         applied[dof] += factor * F
-            data.qfrc_applied[:] = applied
+            self._applied[:] = applied
             if self._ports:
-                mujoco.mj_forwardSkip(self._model, data, _MOVED, 1)
-                a = data.qacc.tolist()
+                mujoco.mj_forwardSkip(self._model, self._data, _MOVED, 1)
+                a = self._a.tolist()
         if self._ports:
-            self._foresee(a)
-            torques(self._ports, v, a, self._W, h)
+            self._foresee(a, u)
+            torques(self._ports, v, a, self._W, self._h)
             for port_ in self._ports:
                 for dof, factor in port_.push:
                     applied[dof] += factor * port_.F
-        data.qfrc_applied[:] = applied
+        self._applied[:] = applied
 
     def _move(self) -> None:
         """One step of the integrator; what follows from positions and velocities alone `_push` has found already."""
@@ -197,39 +198,29 @@ class Machine:
         mujoco.mj_forwardSkip(self._model, self._data, _MOVED, 1)
         mujoco.mj_RungeKutta(self._model, self._data, 4)
 
-    def _foresee(self, a: Sequence[float]) -> None:
+    def _foresee(self, a: Sequence[float], u: Sequence[float]) -> None:
         """Tells each port how its acceleration without its torque grows, as it has grown since the last step; what the motors' own torques do
         jumps where these are held, and is left out."""
-        ctrl = self._data.ctrl.tolist()
         for k, port in enumerate(self._ports):
-            pull = port.velocity(a) - sum(map(mul, self._by_motors[k], ctrl))
+            pull = port.velocity(a) - sum(map(mul, self._by_motors[k], u))
             port.more = 0.0 if self._pulls[k] is None else (pull - self._pulls[k]) / self._h
             self._pulls[k] = pull
 
-    def _make_up(self, missing: Iterable[tuple[int, float]]) -> None:
-        """Takes the arm to where forces that are not even over the step have brought it: (degree of freedom, N m s2 too little)."""
-        push, further = np.zeros((1, self._model.nv)), np.zeros((1, self._model.nv))
-        for dof, impulse in missing:
-            push[0, dof] += impulse
-        mujoco.mj_solveM(self._model, self._data, further, push)
-        self._data.qpos[:] += further[0]
-
-    def _half_way(self, x: list[float], v: list[float], a: list[float]) -> None:
+    def _half_way(self, x: list[float], v: list[float], a: list[float], u: list[float]) -> None:
         """Puts the motion in the middle of the next step into the states, as far as it is foreseen without the laws."""
         h = self._h
-        ctrl = self._data.ctrl.tolist()
         for k, joint in self._moving:
             state, i, j, N = self._states[joint.index], joint.motor, joint.spring, joint.drive.N
             motor = x[i] + 0.5 * h * v[i] + 0.125 * h * h * a[i]
             spring = x[j] + 0.5 * h * v[j] + 0.125 * h * h * a[j]
             w, s = v[i] + 0.5 * h * a[i], v[j] + 0.5 * h * a[j]
-            state.theta, state.omega, state.tau = N * motor, N * w, ctrl[k]
+            state.theta, state.omega, state.tau = N * motor, N * w, u[k]
             state.q, state.q_rate = motor + spring, w + s
             state.deflection, state.deflection_rate = -spring, -s
             state.spring = -joint.drive.K * spring - joint.drive.D_spring * s
 
     def _share(self) -> None:
-        """Brings up to date what a torque at each port, and at each motor, does to the velocity at every port."""
+        """Brings up to date what a torque at each port, and at each motor, does to all velocities, and to that at every port."""
         mass = mass_matrix(self._model, self._data)
         pushes, motors = np.zeros((len(mass), len(self._ports))), np.zeros((len(mass), len(self._live)))
         rates = np.zeros((len(self._ports), len(mass)))
@@ -240,8 +231,9 @@ class Machine:
                 rates[k, dof] = factor
         for k, joint in enumerate(self._live):
             motors[joint.motor, k] = joint.drive.N
-        self._W = (rates @ np.linalg.solve(mass, pushes)).tolist()
-        self._by_motors = (rates @ np.linalg.solve(mass, motors)).tolist()
+        by_ports, by_motors = np.linalg.solve(mass, pushes), np.linalg.solve(mass, motors)
+        self._W, self._by_motors = (rates @ by_ports).tolist(), (rates @ by_motors).tolist()
+        self._moved_by_ports, self._moved_by_motors = list(by_ports.T), list(by_motors.T)
 
 
 def _ports(
