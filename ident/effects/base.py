@@ -375,6 +375,11 @@ def only_shares(effect: Effect) -> bool:
     return not has_forces(effect) and not overrides(effect, "impedance", "torque_gain", "angle_gain", "posture")
 
 
+def only_read(effect: Effect) -> bool:
+    """Whether an effect changes nothing but what torques and angles are taken to be: gains and delays, or zeros of joints."""
+    return not has_forces(effect) and not overrides(effect, "impedance", "shares")
+
+
 def only_impedance(effect: Effect) -> bool:
     """Whether an effect changes nothing but the dynamic stiffness."""
     return not has_forces(effect) and not overrides(effect, *_OTHERS)

@@ -29,6 +29,7 @@ from ident.search.choice import Tried
 from ident.search.contradicted import Off, contradicted, merged, standard_deviations
 from ident.search.departures import Departure, Errors, errors
 from ident.search.each_record import in_each_record
+from ident.search.from_declared import BENT
 from ident.search.minima import afresh, elsewhere, links_anew, settled
 from ident.search.one_more import one_more
 from ident.search.refits import (
@@ -61,7 +62,7 @@ from ident.search.rest import (
     something_departs,
 )
 from ident.search.rounds import another
-from ident.search.trials import BENT, explains
+from ident.search.trials import explains
 from ident.search.unbent import unbent
 from ident.search.whole_numbers import each_otherwise
 from symgen.plan import Model

@@ -16,9 +16,10 @@ from ident.search.candidates import Candidate, catalogue
 from ident.search.choice import ALIKE, Tried, left_by, plainest
 from ident.search.curves import wave
 from ident.search.finer import finer
+from ident.search.from_declared import LIKELY
 from ident.search.minima import LEAST_GAIN, fully, told
 from ident.search.refits import CLOSE, NAMED, Bench, State, beyond_noise, but_last, fitted, reduced_chi2, same, standing
-from ident.search.trials import HARDLY, LIKELY
+from ident.search.trials import HARDLY
 from ident.search.tried import refitted, with_candidate
 
 #: Times what a law leaves that a plainer one leaves in haste that is not it; `CLOSE` times, fitted finely.

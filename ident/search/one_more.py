@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ident.effects.base import Effect, only_gains, only_shares, winds_up
-from ident.search.candidates import catalogue
+from ident.search.candidates import CHANGE, catalogue
 from ident.search.choice import CURVE_SHARE, Tried, best_names, is_curve, left_by, plainest
 from ident.search.finer import finer
 from ident.search.minima import told
@@ -62,6 +62,8 @@ def leading_to_one_more(
         return names, None
     lead = finer(bench, best.state) if best.state.roughly > FINELY else best.state
     names = [one.refitted(lead) if one is best else one for one in names]
+    if reduced_chi2(bench, lead) <= NAMED:
+        return names, None
 
     def most(effect: Effect) -> float:
         hidden = any(winds_up(one) or one.dry for one in (best.candidate.effect, effect))
@@ -105,6 +107,13 @@ def _of_two_causes(one: Effect, other: Effect) -> bool:
     return apart and not (only_gains(one) and only_gains(other))
 
 
+def _guessed(effect: Effect) -> bool:
+    """Whether an effect changes drives by as much as is allowed in all ways: what it promises is of another one."""
+    return only_shares(effect) and all(
+        abs(v) == CHANGE for v, p in zip(effect.values, effect.parameters, strict=True) if p.zero is not None
+    )
+
+
 def _does(bench: Bench, tried: Sequence[Tried], most: Callable[[Effect], float]) -> bool:
     """Whether one of those `tried` leaves at most so many noise powers."""
     return any(reduced_chi2(bench, new) <= most(one.effect) for one, new in tried)
@@ -117,7 +126,7 @@ def _further(
     all leave much."""
     lin = linearised(state.problem, state.minimum.vector)
     names, left = catalogue(lin, state.effects, bench.workers), beyond_noise(state, lin)
-    likely = [c for c in names[:TRIED] if c.gain > PROMISED * left and wanted(c.effect)]
+    likely = [c for c in names[:TRIED] if c.gain > PROMISED * left and wanted(c.effect) and not _guessed(c.effect)]
     tried = refitted(bench, state, [(c, lin) for c in likely])
     best = min(tried, key=left_by, default=None)
     if best is None or reduced_chi2(bench, best.state) - 1.0 > MUCH * (reduced_chi2(bench, state) - 1.0):

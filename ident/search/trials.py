@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ident.arm.parts import degrees
 from ident.effects.base import Effect, only_impedance, overrides, winds_up
-from ident.effects.structure import LockedJointElasticity
-from ident.search.candidates import Candidate, best_of, catalogue, larger, nearer, of_kinds
+from ident.search.candidates import Candidate, best_of, catalogue, of_kinds
 from ident.search.choice import (
     AHEAD,
     LEAST_SHARE,
@@ -24,9 +23,10 @@ from ident.search.choice import (
     left_by,
     rings_ahead,
 )
-from ident.search.contact import as_it_creeps, as_it_winds, balanced, besides, rubbing, rubbing_anew
+from ident.search.contact import balanced, besides, rubbing, rubbing_anew
 from ident.search.curves import curves, resonances, responses
 from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
+from ident.search.from_declared import BENT, MUCH, SLIGHT, UNLIKELY, as_it_moves, from_declared, tried_bending
 from ident.search.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, wound_up
 from ident.search.refits import (
     CLOSE,
@@ -40,31 +40,21 @@ from ident.search.refits import (
     beyond_noise,
     linearised,
     reduced_chi2,
-    same,
 )
-from ident.search.shapes import bending, only_shapes, ringing
+from ident.search.shapes import ringing
 from ident.search.trace import Linearised
 from ident.search.tried import by_few_lines, refitted, with_candidate
 from ident.search.whole_numbers import last_otherwise, otherwise_if_left
-from symgen.forked import forked
 
 #: Candidates of the catalogue refitted in each round (least and most), and learned curves.
 REFITTED, CURVES = (6, 40), 2
-#: Half of them hardly whatever they promise, as a promise is of first order: this share of what the best does; as many as make this many
-#: numbers to be fitted.
-SLIGHT, EFFORT = 0.1, 1.5e5
+#: Half of them hardly whatever they promise, as a promise is of first order: a `SLIGHT` share of what the best does; as many as make this
+#: many numbers to be fitted.
+EFFORT = 1.5e5
 #: Share of what earns a place that a candidate must promise to be tried once little is left: promises are nearly right there.
 HARDLY = 0.125
-#: Candidates taken over from the declared arm; share of what the best promises from which a force that follows from the motion is
-#: tried where it is so many times as large, too; and share of what is left without a force that promises to do as much.
-SURELY, LIKELY, LARGER = 6, 0.5, 1.4
-#: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm, and first.
-BENT, FAR = 100.0, 1000.0
-#: Share of what there was that a name from the declared arm may leave for only curves to be tried from where the arm was fitted, and
-#: nothing that bends the whole arm.
-MUCH = 0.3
-#: What another leaves so far behind is not fitted finely, nor looked for where it is some other size.
-UNLIKELY = 0.1
+#: chi^2 per degree of freedom so far beyond any noise that effects are looked for from the declared arm first.
+FAR = 1000.0
 #: Candidates fitted finely before one is chosen.
 FINALISTS = 3
 #: Share of what was in excess without effects below which nothing more is looked for once little is left.
@@ -101,9 +91,9 @@ def likely_names(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
     """The likeliest names beyond `state`, linearised in `lin`, hastily refitted; where the fit is very far off from the arm that a
     fit begins at, and from the declared one, too, if that is another and all leave much from there."""
     if reduced_chi2(bench, state) > FAR:
-        names = _from_declared(bench, state, None)
+        names = from_declared(bench, state, None)
         if bench.declared is not None and all(left_by(one) > MUCH * state.select for one in names):
-            names += _from_declared(replace(bench, guess=bench.declared), state, None)
+            names += from_declared(replace(bench, guess=bench.declared), state, None)
         return leader_finely(bench, names)
     return _from_fitted(bench, state, lin)
 
@@ -130,16 +120,16 @@ def hasty(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> It
         tried = _and_curves(bench, state, lin, names)
         yield tried
         if reduced_chi2(bench, state) > BENT and not (drawn_whole(bench, tried) or _explaining(bench, tried)):
-            yield leader_finely(bench, _from_declared(bench, state, None), tried)
+            yield leader_finely(bench, from_declared(bench, state, None), tried)
     else:
-        anew = [] if _explaining(bench, names) is not None else _from_declared(bench, state, None)
+        anew = [] if _explaining(bench, names) is not None else from_declared(bench, state, None)
         tried = _and_curves(bench, state, lin, [*names, *anew])
         if not (drawn_whole(bench, tried) or hardly_bent(bench, state, tried)):
             if _explaining(bench, tried) is None:
-                tried += _bending(bench, state, lin)
+                tried += tried_bending(bench, state, lin)
             found = _explaining(bench, tried)
             if found is not None and only_impedance(found):
-                tried += _from_declared(bench, state, found)
+                tried += from_declared(bench, state, found)
         yield tried
 
 
@@ -176,14 +166,9 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
             if c.gain > least or k < REFITTED[0] // 2 or (k < most // 2 and c.gain > slight)
         ]
         likely += balanced(lin, state.effects)
-    tried = _as_it_moves(bench, refitted(bench, state, [(c, lin) for c in likely]))
+    tried = as_it_moves(bench, refitted(bench, state, [(c, lin) for c in likely]))
     tried += _ringing(bench, state, lin, tried)
     return _nearest_finely(bench, tried)
-
-
-def _as_it_moves(bench: Bench, tried: list[Tried]) -> list[Tried]:
-    """The candidates, the best one with the motion that its force makes, where it leaves much with motions that were held."""
-    return as_it_winds(bench, as_it_creeps(bench, tried, CLOSE**2), CLOSE**2)
 
 
 def _and_curves(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> list[Tried]:
@@ -257,42 +242,11 @@ def _rung(bench: Bench, state: State, lin: Linearised, least: float) -> list[Tri
     return rung + _ringing(bench, state, lin, rung)
 
 
-def _from_declared(bench: Bench, state: State, found: Effect | None) -> list[Tried]:
-    """The likeliest names beyond the declared arm with the effects of `state`, or the effect that was `found` already."""
-    declared = linearised(state.problem, as_declared(bench, state))
-    if found is not None:
-        again = [c for c in [best_of(declared, type(found), found.joint)] if c is not None]
-    else:
-        likely = catalogue(declared, state.effects, bench.workers)[: 2 * SURELY]
-        likely = list(forked(lambda c: nearer(declared, c), likely, bench.workers))
-        again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
-        again += [larger(c, LARGER) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
-    tried = refitted(bench, state, [(c, declared) for c in again])
-    best = min(tried, key=left_by, default=None)
-    if best is not None and only_shapes(best.candidate.effect) and reduced_chi2(bench, best.state) > CLOSE**2:
-        tried += _bending(bench, state, declared, lambda effect: same(effect, best.candidate.effect))
-    all_at_once = best is not None and best.candidate.effect.joint is None
-    much = max(BENT * degrees(bench.split.select), MUCH * state.select)
-    if found is None and not all_at_once and all(left_by(one) > much for one in tried):
-        # a soft base, or lock, bends the whole arm, and promises nothing from there
-        tried += _bending(bench, state, declared, lambda e: e.joint is None or isinstance(e, LockedJointElasticity))
-    return _as_it_moves(bench, tried)
-
-
-def _bending(
-    bench: Bench,
-    state: State,
-    lin: Linearised,
-    wanted: Callable[[Effect], bool] = lambda effect: True,
-) -> list[Tried]:
-    """The impedances of shapes alone that may have bent the arm, those `wanted`, from plausible ones."""
-    return by_few_lines(bench, state, lin, [c for c in bending(lin, state.effects) if wanted(c.effect)])
-
-
 def _ringing(bench: Bench, state: State, lin: Linearised, tried: Sequence[Tried]) -> list[Tried]:
     """What rings, promises most of all that were `tried` and leaves nearly all there was, at other frequencies."""
     best = max(tried, key=lambda one: one.candidate.gain, default=None)
     failed = best is not None and reduced_chi2(bench, state) > CLOSE and left_by(best) > MUCH * state.select
+    failed = failed and all(reduced_chi2(bench, one.state) > NAMED for one in tried)
     return by_few_lines(bench, state, lin, ringing(best[0])) if best is not None and failed else []
 
 
@@ -381,7 +335,7 @@ def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     and dry friction that is as good in haste.
     """
     named, drawn = best_names(tried), curves_alike(tried)
-    near = CLOSE**2 * degrees(bench.split.select)
+    near = (CLOSE if named and reduced_chi2(bench, named[0].state) <= NAMED else CLOSE**2) * degrees(bench.split.select)
     if not named:
         return drawn
     if rings_ahead(tried):

@@ -11,7 +11,7 @@ import ident.search.one_more
 from ident.effects.base import Effect
 from ident.effects.catalogue import CATALOGUE
 from ident.search.choice import Tried
-from ident.search.one_more import _of_two_causes, leading_to_one_more, one_more
+from ident.search.one_more import _guessed, _of_two_causes, leading_to_one_more, one_more
 from ident.search.refits import Refit, State
 
 LEFT = 200.0
@@ -32,6 +32,7 @@ def beyond(monkeypatch: pytest.MonkeyPatch) -> list[Tried]:
     state_of = {"finer": lambda bench, s: SimpleNamespace(**(vars(s) | {"select": s.select / 2}))}
     stand_ins = state_of | {
         "reduced_chi2": lambda bench, state: state.select,
+        "_guessed": lambda effect: False,
         "plainest": lambda bench, named: min(named, key=lambda one: one[1].select),
         "_of_two_causes": lambda one, other: other.joint not in (None, one.joint),
         "linearised": lambda problem, vector: SimpleNamespace(chi2=LEFT),
@@ -67,6 +68,7 @@ def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
     [
         (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(2, 90.0, 0.9), True),
         (name(1, 9.0, 2.6), name(2, 8.0, 150.0), name(2, 90.0, 1.02), True),
+        (name(1, 9.0, 2.0), name(2, 8.0, 150.0), name(2, 90.0, 0.9), False),  # which finely leaves nothing alone
         (name(1, 9.0, 2.6), name(2, 8.0, 150.0), name(2, 90.0, 2.09), False),  # of less than two noise powers
         (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(1, 90.0, 0.9), False),  # it may be of one law that has no name
         (name(1, 9.0, 50.0), name(2, 8.0, 150.0), name(None, 90.0, 0.9), False),
@@ -125,6 +127,17 @@ def test_two_names_that_take_the_place_of_one_law(
     one: tuple[str, int | None], other: tuple[str, int | None], two: bool
 ) -> None:
     assert _of_two_causes(effect(*one), effect(*other)) == _of_two_causes(effect(*other), effect(*one)) == two
+
+
+@pytest.mark.parametrize(
+    ("values", "guessed"),
+    [((4.0, 0.1, -0.1, 0.1), True), ((4.0, 0.03, -0.1, 0.1), False), ((4.0, 0.3, -0.2, 0.1), False)],
+)
+def test_a_change_that_wants_more_than_is_allowed_in_all_ways_is_a_guess(
+    values: tuple[float, ...], guessed: bool
+) -> None:
+    assert _guessed(CATALOGUE["change-between-records"](1, values)) == guessed
+    assert not _guessed(effect("torque-scale", 1).with_values([0.1]))
 
 
 def delayed(kind: str, joint: int, left: float, gain: float = 9.0) -> Tried:

@@ -17,9 +17,9 @@ from ident.effects.structure import BaseCompliance, LinkFlexibility, LockedJoint
 from ident.loop.diagnose import Begun, begin
 from ident.records.frf import estimate
 from ident.search.candidates import catalogue, units
+from ident.search.from_declared import tried_bending
 from ident.search.refits import Refit, fitted, linearised, reduced_chi2
 from ident.search.shapes import bending
-from ident.search.trials import _bending
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
@@ -72,7 +72,7 @@ def test_a_last_link_that_bends_is_found_though_it_promises_nothing() -> None:
     lin = linearised(start.problem, start.minimum.vector)
     promised = [(c.effect.name, c.effect.joint) for c in catalogue(lin, ())[:6]]
     assert reduced_chi2(bench, start) > 3.0 and ("link-flexibility", 2) not in promised
-    best = min(_bending(bench, start, lin), key=lambda one: one[1].select)
+    best = min(tried_bending(bench, start, lin), key=lambda one: one[1].select)
     assert (best[0].effect.name, best[0].effect.joint) == ("link-flexibility", 2)
     assert reduced_chi2(bench, fitted(bench, Refit.of(best[1]))) < 1.0
 

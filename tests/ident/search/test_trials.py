@@ -159,13 +159,16 @@ def test_a_name_that_ended_there_finely_is_not_fitted_so_again(
     assert len(asked) == fits
 
 
-@pytest.mark.parametrize(("left", "promised", "tries"), [(74.0, 900.0, 10), (74.0, 100.0, 0), (3.0, 900.0, 0)])
+@pytest.mark.parametrize(
+    ("left", "promised", "beside", "tries"),
+    [(74.0, 900.0, 66.0, 10), (74.0, 100.0, 66.0, 0), (3.0, 900.0, 66.0, 0), (74.0, 900.0, 0.98, 0)],
+)
 def test_what_rings_and_leaves_all_there_was_is_tried_at_other_frequencies(
-    left: float, promised: float, tries: int, monkeypatch: pytest.MonkeyPatch
+    left: float, promised: float, beside: float, tries: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where it promises most of all and none of it came true: a sharp mode between two lines."""
+    """Where it promises most of all, none of it came true, and nothing else explains it: a sharp mode between two lines."""
     rings, rubs = AttachedResonator(1, (2e-3, 11.0, 2e-4)), Candidate(DRY, 500.0, (1.0,))
-    tried = [Tried(Candidate(rings, promised, (1.0,) * 3), one(rings, left)[1]), Tried(rubs, one(DRY, 66.0)[1])]
+    tried = [Tried(Candidate(rings, promised, (1.0,) * 3), one(rings, left)[1]), Tried(rubs, one(DRY, beside)[1])]
     short: list[Candidate] = []
     monkeypatch.setattr(
         ident.search.trials, "by_few_lines", lambda bench, state, lin, likely: short.extend(likely) or []
@@ -195,6 +198,14 @@ def test_what_promises_much_less_than_what_leaves_nothing_is_not_tried(
 def test_no_finalist_is_far_behind_the_best() -> None:
     tried = [one(DRY, 30.0), one(HARD, 310.0), one(WAVE, 290.0), one(MotorCoulomb(1, (0.1,)), 500.0), one(CURVE, 299.0)]
     assert _finalists(where(1000.0), tried) == [tried[0], tried[2], tried[4]]
+
+
+@pytest.mark.parametrize(("best", "finalists"), [(1.4, 3), (0.95, 2)])
+def test_behind_a_name_that_leaves_nothing_in_haste_only_those_near_the_noise_are_fitted_finely(
+    best: float, finalists: int
+) -> None:
+    tried = [one(DRY, best), one(HARD, 2.5), one(WAVE, 5.0), one(MotorCoulomb(1, (0.1,)), 500.0)]
+    assert _finalists(where(1000.0), tried) == tried[:finalists]
 
 
 def test_dry_friction_that_curves_draw_alike_in_haste_is_fitted_finely_by_each() -> None:
@@ -543,7 +554,7 @@ def test_the_declared_arm_is_tried_where_a_better_one_leads_nowhere(
         seen.append(bench.guess)
         return [one(DRY, left)]
 
-    monkeypatch.setattr(ident.search.trials, "_from_declared", from_declared)
+    monkeypatch.setattr(ident.search.trials, "from_declared", from_declared)
     monkeypatch.setattr(ident.search.trials, "_from_fitted", lambda bench, state, lin: [])
     own: dict[str, Any] = (
         {"guess": "unbent", "declared": "declared"} if unbent else {"guess": "declared", "declared": None}

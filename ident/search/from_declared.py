@@ -1,0 +1,87 @@
+"""Names tried from the declared arm: a fit that is far off bends all that is looked for from there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from ident.arm.parts import degrees
+from ident.effects.base import Effect, only_read, winds_up
+from ident.effects.structure import LockedJointElasticity
+from ident.search.candidates import Candidate, best_of, catalogue, larger, nearer
+from ident.search.choice import Tried, left_by
+from ident.search.contact import as_it_creeps, as_it_winds
+from ident.search.finer import finer
+from ident.search.minima import as_declared
+from ident.search.refits import CLOSE, NAMED, Bench, State, linearised, reduced_chi2, same
+from ident.search.shapes import bending, only_shapes
+from ident.search.trace import Linearised
+from ident.search.tried import by_few_lines, refitted
+from symgen.forked import forked
+
+#: Candidates taken over from the declared arm; share of what the best promises from which a force that follows from the motion is
+#: tried where it is so many times as large, too; and share of what is left without a force that promises to do as much.
+SURELY, LIKELY, LARGER = 6, 0.5, 1.4
+#: Share of what the best promises from which others are tried, whatever is fitted at once is.
+SLIGHT = 0.1
+#: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm.
+BENT = 100.0
+#: Share of what there was that a name from the declared arm may leave for only curves to be tried from where the arm was fitted, and
+#: nothing that bends the whole arm.
+MUCH = 0.3
+#: What another leaves so far behind is not fitted finely, nor looked for where it is some other size.
+UNLIKELY = 0.1
+
+
+def from_declared(bench: Bench, state: State, found: Effect | None) -> list[Tried]:
+    """The likeliest names beyond the declared arm with the effects of `state`, or the effect that was `found` already: first those that are
+    fitted at once, and only these where one leaves nothing, as promises say little there."""
+    declared = linearised(state.problem, as_declared(bench, state))
+    tried: list[Tried] = []
+    if found is not None:
+        again = [c for c in [best_of(declared, type(found), found.joint)] if c is not None]
+    else:
+        names = catalogue(declared, state.effects, bench.workers)
+        tried = _at_once(bench, state, declared, names)
+        if any(reduced_chi2(bench, one.state) <= NAMED for one in tried):
+            return tried
+        likely = list(forked(lambda c: nearer(declared, c), names[: 2 * SURELY], bench.workers))
+        again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
+        again += [larger(c, LARGER) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
+        again = [c for c in again if all(c is not one.candidate for one in tried)]
+    tried += refitted(bench, state, [(c, declared) for c in again])
+    best = min(tried, key=left_by, default=None)
+    if best is not None and only_shapes(best.candidate.effect) and reduced_chi2(bench, best.state) > CLOSE**2:
+        tried += tried_bending(bench, state, declared, lambda effect: same(effect, best.candidate.effect))
+    all_at_once = best is not None and best.candidate.effect.joint is None
+    much = max(BENT * degrees(bench.split.select), MUCH * state.select)
+    if found is None and not all_at_once and all(left_by(one) > much for one in tried):
+        # a soft base, or lock, bends the whole arm, and promises nothing from there
+        tried += tried_bending(
+            bench, state, declared, lambda e: e.joint is None or isinstance(e, LockedJointElasticity)
+        )
+    return as_it_moves(bench, tried)
+
+
+def _at_once(bench: Bench, state: State, declared: Linearised, names: Sequence[Candidate]) -> list[Tried]:
+    """Those of the likely `names` that are fitted at once, the best finely where it leaves little."""
+    plain = [c for c in names if only_read(c.effect) and c.gain > SLIGHT * names[0].gain][:SURELY]
+    tried = refitted(bench, state, [(c, declared) for c in plain])
+    best = min(tried, key=left_by, default=None)
+    if best is None or left_by(best) > UNLIKELY * state.select:
+        return tried
+    return [one.refitted(finer(bench, one.state)) if one is best else one for one in tried]
+
+
+def tried_bending(
+    bench: Bench,
+    state: State,
+    lin: Linearised,
+    wanted: Callable[[Effect], bool] = lambda effect: True,
+) -> list[Tried]:
+    """The impedances of shapes alone that may have bent the arm, those `wanted`, from plausible ones."""
+    return by_few_lines(bench, state, lin, [c for c in bending(lin, state.effects) if wanted(c.effect)])
+
+
+def as_it_moves(bench: Bench, tried: list[Tried]) -> list[Tried]:
+    """The candidates, the best one with the motion that its force makes, where it leaves much with motions that were held."""
+    return as_it_winds(bench, as_it_creeps(bench, tried, CLOSE**2), CLOSE**2)

@@ -1,0 +1,59 @@
+"""Which names are tried from the declared arm, by stand-ins: a model is what it leaves."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import ident.search.from_declared
+from ident.effects.base import Effect
+from ident.effects.motor import InputDelay, TorqueLag
+from ident.effects.spring import Backlash, SpringHardening
+from ident.search.candidates import Candidate
+from ident.search.choice import Tried
+from ident.search.from_declared import from_declared
+
+DOF = 1000
+LAG, DELAY = TorqueLag(0, (1e-3,)), InputDelay(0, (1e-3,))
+HARD, PLAY = SpringHardening(0, (1e7,)), Backlash(0, (1e-3,))
+
+
+@pytest.mark.parametrize(
+    ("lag", "finely", "tried"),
+    [
+        (0.95, 0.95, [LAG, DELAY]),
+        (26.0, 0.95, [LAG, DELAY]),  # which it leaves in haste only
+        (26.0, 7.0, [LAG, DELAY, HARD, PLAY]),
+        (900.0, 0.95, [LAG, DELAY, HARD, PLAY]),  # too much to be looked at more finely
+    ],
+)
+def test_what_is_fitted_at_once_comes_first_whatever_others_promise(
+    lag: float, finely: float, tried: list[Effect], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    promised = {HARD: 4e7, PLAY: 3e7, LAG: 9e6, DELAY: 8e6}
+    left = {HARD: 1000.0, PLAY: 1000.0, LAG: lag, DELAY: 1700.0}
+
+    def state(effect: Effect | None, level: float) -> Any:
+        return SimpleNamespace(select=level * DOF, effects=(effect,) * (effect is not None), problem=None)
+
+    stand_ins = {
+        "degrees": lambda data: DOF,
+        "reduced_chi2": lambda bench, model: model.select / DOF,
+        "as_declared": lambda bench, model: None,
+        "linearised": lambda problem, vector: None,
+        "catalogue": lambda lin, effects, workers: [Candidate(e, gain, (1.0,)) for e, gain in promised.items()],
+        "nearer": lambda lin, candidate: candidate,
+        "larger": lambda candidate, times: Candidate(PLAY, 0.0, ()),
+        "refitted": lambda bench, model, short: [Tried(c, state(c.effect, left[c.effect])) for c, _ in short],
+        "finer": lambda bench, model: state(model.effects[0], finely),
+        "tried_bending": lambda *of: [],
+        "as_it_creeps": lambda bench, found, near: found,
+        "as_it_winds": lambda bench, found, near: found,
+    }
+    for key, stand_in in stand_ins.items():
+        monkeypatch.setattr(ident.search.from_declared, key, stand_in)
+    bench: Any = SimpleNamespace(workers=1, split=SimpleNamespace(select=()))
+    found = from_declared(bench, state(None, 3000.0), None)
+    assert list(dict.fromkeys(one.candidate.effect for one in found)) == tried
