@@ -11,6 +11,8 @@ from symgen.chain import REVOLUTE, Array, Chain, Joint, placements, skew
 
 #: Rows and columns of the six entries Lxx, Lxy, Lyy, Lxz, Lyz, Lzz of a symmetric matrix, in the order of `PARAMETERS`.
 MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+#: Axes in right-handed order.
+CYCLES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 
 
 def motion(chain: Chain, k: int) -> Array:
@@ -87,8 +89,9 @@ def momentum_rows(twist: Array) -> Array:
     omega, u = twist[..., :3], twist[..., 3:]
     rows = np.zeros((*twist.shape, 10))
     rows[..., 3:, 0] = u
-    for k, axis in enumerate(np.eye(3)):
-        rows[..., :3, 1 + k], rows[..., 3:, 1 + k] = np.cross(axis, u), np.cross(omega, axis)
+    for x, y, z in CYCLES:
+        rows[..., x, 1 + y], rows[..., y, 1 + x] = u[..., z], -u[..., z]
+        rows[..., 3 + x, 1 + y], rows[..., 3 + y, 1 + x] = -omega[..., z], omega[..., z]
     for column, (x, y) in enumerate(MOMENTS):
         rows[..., x, 4 + column] = omega[..., y]
         rows[..., y, 4 + column] = omega[..., x]
@@ -113,8 +116,12 @@ def _turning(twist: Array, momentum: Array) -> Array:
     """How momenta [m, 6, c] in axes that move by a `twist` [m, 6] change by that alone."""
     omega, u = twist[:, :3, None], twist[:, 3:, None]
     angular, linear = momentum[:, :3], momentum[:, 3:]
-    turned = np.cross(omega, angular, axis=1) + np.cross(u, linear, axis=1)
-    return np.concatenate([turned, np.cross(omega, linear, axis=1)], axis=1)
+    return np.concatenate([_crossed(omega, angular) + _crossed(u, linear), _crossed(omega, linear)], axis=1)
+
+
+def _crossed(one: Array, other: Array) -> Array:
+    """The cross products along the second axis [m, 3, ..], in place of `np.cross`, which moves axes about."""
+    return np.stack([one[:, y] * other[:, z] - one[:, z] * other[:, y] for _, y, z in CYCLES], axis=1)
 
 
 def frames(joints: Sequence[Joint], before: Array) -> Callable[[Array], Array]:

@@ -8,6 +8,7 @@ DOI 10.1109/ROBOT.1997.606736).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
 
 import numpy as np
@@ -77,11 +78,11 @@ class Moves:
         """The times [s] of what is kept."""
         return np.arange(len(self.q))[self._use()] / self.fs
 
-    @property
+    @cached_property
     def _band(self) -> Array:
         return _low(self.bands.equations, self.fs)
 
-    @property
+    @cached_property
     def _beyond(self) -> Array:
         ends = [share * self.bands.equations for share in ABOVE]
         return np.asarray(butter(ORDER, ends, "bandpass", fs=self.fs, output="sos"))

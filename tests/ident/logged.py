@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from ident.logs.diagnose import LogDiagnosis
 from ident.records.log import Log, Trajectory
+from symgen.chain import Chain
 from symgen.plan import chain_of_file, model_of_urdf
 
 Array = NDArray[np.float64]
@@ -41,29 +43,42 @@ def log(
 ) -> Log:  # fmt: skip
     """A log of `runs` trajectories in which `acts` gives what has to be added to the torque of a `joint`; the masses of the links are `off` by that
     share (rms)."""
-    rng = np.random.default_rng(seed)
-    chain, _ = chain_of_file(ROBOTS / robot / f"{robot}.urdf")
-    model = model_of_urdf(chain.source, chain.names)
+    chain = _chain(robot)
     n = chain.n
-    phi = (chain.parameters.reshape(n, 10) * (1.0 + off * rng.normal(size=(n, 1)))).ravel()
     typical: tuple[float, ...] = ()
     scatter = np.zeros(n)
     trajectories = []
-    for k in range(runs):
-        q, v, a = _fourier(n, rng)
-        load = model.torque_rows(q, v, a, GRAVITY) @ phi
+    for k, (q, v, a, load, noises) in enumerate(_moved(robot, runs, off, seed)):
         tau = load + N * N * J_M * a
         own = [x[:, joint] for x in (q, v, a, load, tau)]
         typical = typical or tuple(float(x.std()) for x in own)
         scatter = noise * tau.std(axis=0) if k == 0 else scatter
         if acts is not None:
             tau[:, joint] += acts(Moved(*own, typical))
-        tau += scatter * rng.normal(size=tau.shape)
+        tau += scatter * noises
         step = 2 * np.pi / COUNTS / N
         trajectories.append(Trajectory(f"{k + 1:04d}", step * np.round(q / step), tau))
     return Log(
         chain.source, chain.names, FS, np.full(n, N), np.full(n, J_M), GRAVITY, "a simulated arm", tuple(trajectories)
     )
+
+
+@cache
+def _chain(robot: str) -> Chain:
+    return chain_of_file(ROBOTS / robot / f"{robot}.urdf")[0]
+
+
+@cache
+def _moved(robot: str, runs: int, off: float, seed: int) -> list[tuple[Array, Array, Array, Array, Array]]:
+    """Of each trajectory q, v, a, the torques of the links, and draws for the noise [T, n]."""
+    rng, chain = np.random.default_rng(seed), _chain(robot)
+    model, n = model_of_urdf(chain.source, chain.names), chain.n
+    phi = (chain.parameters.reshape(n, 10) * (1.0 + off * rng.normal(size=(n, 1)))).ravel()
+    moved = []
+    for _ in range(runs):
+        q, v, a = _fourier(n, rng)
+        moved.append((q, v, a, model.torque_rows(q, v, a, GRAVITY) @ phi, rng.normal(size=q.shape)))
+    return moved
 
 
 def _fourier(

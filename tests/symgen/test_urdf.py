@@ -281,10 +281,10 @@ def test_zero_outside_the_limits_is_clamped_into_them() -> None:
 
 
 def test_a_long_run_of_fixed_links_is_one_body() -> None:
-    long = [f"f{i} fixed {'l2' if i == 0 else f'x{i - 1}'} x{i}" for i in range(10_000)]
+    long = [f"f{i} fixed {'l2' if i == 0 else f'x{i - 1}'} x{i}" for i in range(3_000)]
     chain = parse_chain(robot(*arm(2), *long))
-    assert chain.joints[-1].inertia.mass == 10_001.0
-    assert (chain.tip_link, len(chain.lumped)) == ("x9999", 10_000)
+    assert chain.joints[-1].inertia.mass == 3_001.0
+    assert (chain.tip_link, len(chain.lumped)) == ("x2999", 3_000)
 
 
 def limited(limit: str, kind: str = "revolute") -> Joint:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import diagnosed
 import numpy as np
 import pytest
 
@@ -52,9 +53,9 @@ def measured() -> Campaign:
 
 
 @cache
-def begun(until: float = np.inf) -> Begun:
+def begun() -> Begun:
     responses = tuple(estimate(record, measured()) for record in measured().records)
-    return begin(measured(), make_model(chain_of_robot(SHORT), believe_zeros=True), responses, until=until)
+    return begin(measured(), make_model(chain_of_robot(SHORT), believe_zeros=True), responses)
 
 
 @pytest.mark.bench
@@ -84,7 +85,9 @@ def test_how_a_contact_creeps_is_found_where_that_leaves_less() -> None:
 
 
 def test_nothing_new_is_looked_for_once_it_is_time() -> None:
-    lines: list[str] = []
-    found = begun(time.monotonic() - 1.0).diagnosed(lines.append)
+    lines, c = list[str](), diagnosed.campaign()
+    responses = tuple(estimate(record, c) for record in c.records)
+    late = begin(c, make_model(chain_of_robot(ROBOT), believe_zeros=True), responses, until=time.monotonic() - 1.0)
+    found = late.diagnosed(lines.append)
     assert found.status == "unexplained" and not found.added
     assert not any("promised" in line for line in lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import ANY
@@ -16,6 +17,8 @@ from ident.identification.precision import ALLOWANCE, SPACINGS, Precision, for_t
 from ident.joint.certainty import certainty
 from ident.records.frf import estimate
 from ident.simulator.bench import design, head, run
+from ident.simulator.design import Setup, prepare
+from symgen.chain import Chain
 from symgen.plan import Model, plan_of_robot
 from symgen.robot import Robot, load_robot, recordable
 
@@ -27,6 +30,22 @@ def planned() -> tuple[Model, Robot, list[tuple[str, np.ndarray]]]:
     robot = load_robot(ROBOT)
     plan = plan_of_robot(robot)
     return plan.model, robot, [(cell.joint, cell.q) for cell in plan.cells]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def prepared_once() -> Iterator[None]:
+    """A record of the one robot is prepared once, for whatever precision."""
+    setups: dict[str, Setup] = {}
+
+    def once(chain: Chain, robot: Robot, joint: str, q: np.ndarray, *, lock: str, rng: np.random.Generator) -> Setup:
+        key = repr((robot.experiment, joint, q.tolist(), lock, rng.bit_generator.state))
+        if key not in setups:
+            setups[key] = prepare(chain, robot, joint, q, lock=lock, rng=rng)
+        return setups[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ident.identification.precision.prepare", once)
+        yield
 
 
 def seconds(found: Precision) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -122,9 +123,16 @@ def test_a_motion_that_was_repeated_does_not_report_on_itself() -> None:
     assert np.all(d.noise > e.noise / 3) and found(d) == [("motor-coulomb", 1)]
 
 
-def test_a_verdict_says_what_was_found_and_what_no_log_tells(tmp_path: Path) -> None:
-    file = tmp_path / "log.h5"
+def test_a_verdict_says_what_was_found_and_what_no_log_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, asked, d = tmp_path / "log.h5", list[Log](), list[LogDiagnosis]()
     write_log(log(friction), file)
+
+    def kept(own: Log, *say: Callable[[str], None]) -> LogDiagnosis:
+        asked.append(own)
+        d.extend([] if d else [diagnose_log(own, *say)])
+        return d[0]
+
+    monkeypatch.setattr("ident.logs.diagnose.diagnose_log", kept)
     assert main(["diagnose", str(file), "-o", str(tmp_path / "out")]) == 1
     v = json.loads((tmp_path / "out/verdict.json").read_text())
     (effect,) = v["effects"]
@@ -147,6 +155,8 @@ def test_a_verdict_says_what_was_found_and_what_no_log_tells(tmp_path: Path) -> 
     ]  # fmt: skip
     (tmp_path / "out/report.html").unlink()
     assert main(["report", str(tmp_path / "out")]) == 0 and (tmp_path / "out/report.html").read_text() == page
+    first, again = ([(one.q.tobytes(), one.tau.tobytes()) for one in own.trajectories] for own in asked)
+    assert first == again
 
 
 @pytest.mark.parametrize(

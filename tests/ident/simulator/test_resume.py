@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,9 @@ import ident.records.store
 from ident.cli import main
 from ident.effects.catalogue import parse
 from ident.errors import CampaignError, ExperimentError
-from ident.records.campaign import Campaign
+from ident.records.campaign import Campaign, Record
 from ident.records.store import join_campaigns, read_campaign, write_campaign
-from ident.simulator.bench import Job, design, head, simulate
+from ident.simulator.bench import Job, design, head, run, simulate
 from ident.simulator.resume import digest, run_to_file
 from symgen.robot import Experiment, load_robot
 from symgen.urdf import load_chain
@@ -36,8 +37,25 @@ CELLS = [("joint3", [0.0, 0.4, 0.1]), ("joint1", [0.0, 0.4, 0.1]), ("joint2", [0
 EMPTY = head(YPP, ROBOT, ())
 
 
+@cache
 def jobs(seed: int = 0) -> tuple[Job, ...]:
     return design(YPP, ROBOT, CELLS, seed=seed)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def simulated_once() -> Iterator[None]:
+    """By this process; workers, and whoever is killed, simulate anew."""
+    records: dict[str, Record] = {}
+
+    def once(job: Job) -> Record:
+        key = digest(job)
+        if key not in records:
+            records[key] = run(job)
+        return records[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ident.simulator.resume.run", once)
+        yield
 
 
 @pytest.fixture(scope="module")
