@@ -189,7 +189,7 @@ def test_a_law_with_a_memory_is_met_where_turns_do_not_settle() -> None:
 )
 def test_play_that_rattles_is_explained(gap: float, posture: tuple[float, ...]) -> None:
     """Where it hardly touches, contacts told by samples of a line or two are others: 3.1 and 2.7 of the noise would be left."""
-    assert levels(Backlash(0, (gap,)), "joint1", posture)[1] < 1.1
+    assert levels(Backlash(0, (gap,)), "joint1", posture)[1] < 1.15
 
 
 def test_a_velocity_at_which_friction_is_met_already_stays() -> None:

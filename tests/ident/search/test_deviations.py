@@ -146,8 +146,8 @@ def test_a_damping_where_none_is_declared_is_told_and_what_it_costs_to_keep_none
     assert (off.deviation.name, off.deviation.joint) == ("spring-damping", 1)
     assert value == pytest.approx(1.1, abs=4.0 * std) and std < 0.01
     assert off.without.problem.parameters(off.without.minimum.vector).D_spring[1] < 1e-5
-    # others taken ten times as far as they can follow leave 60 % of the motion, refitted ones 3 %
-    assert 0.02 < off.before < 0.1 and off.after < 2e-3
+    # others taken ten times as far as they can follow leave 60 % of the motion, refitted ones 3 %; noise is 0.2 %
+    assert 0.02 < off.before < 0.1 and off.after < 3e-3
 
 
 def test_no_damping_where_none_is_declared_is_as_declared() -> None:
