@@ -137,6 +137,10 @@ class Begun:
     bench: Bench
     start: State
 
+    def by_names(self) -> Begun:
+        """The same, to be explained by effects of few numbers alone."""
+        return replace(self, bench=replace(self.bench, only_names=True))
+
     @property
     def departs(self) -> bool:
         """Whether anything but noise is left of the records without effects."""
@@ -182,7 +186,7 @@ class Begun:
         return _loop(self.bench, self.start)
 
     def _searched(
-        self, gives_way: GivesWay, elsewhere: Callable[[], bool]
+        self, gives_way: GivesWay, elsewhere: Callable[[bool], bool]
     ) -> tuple[Bench, State, State, list[Added], tuple[Departure, ...]]:
         """The bench with which effects were looked for, the arm without them and with them, their entries, and what stays unexplained: by
         lines of every record where parts that are records may tell too little."""
@@ -192,7 +196,7 @@ class Begun:
         state, added = self._looked if gives_way is _never else _loop(bench, start, None, gives_way)
         left = left_over(bench, start, state)
         found = bench, start, state, added, left
-        if bench.split.note or bench.late or (left and not added and elsewhere()):
+        if bench.split.note or bench.late or (left and elsewhere(bool(added))):
             return found
         unseen = is_unseen(bench, state)
         if not (unseen or is_doubtful(bench, start, state, bool(left))):
@@ -207,9 +211,11 @@ class Begun:
             return found
         return *by_lines, state, added, left_over(*by_lines, state)
 
-    def diagnosed(self, gives_way: GivesWay = _never, elsewhere: Callable[[], bool] = lambda: False) -> Diagnosis:
-        """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm, or where nothing is
-        found and that is explained `elsewhere`."""
+    def diagnosed(
+        self, gives_way: GivesWay = _never, elsewhere: Callable[[bool], bool] = lambda some: False
+    ) -> Diagnosis:
+        """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm, or where what is left,
+        whether some was found or not, is explained `elsewhere`."""
         bench, start, state, added, left = self._searched(gives_way, elsewhere)
         if left and is_of_one_joint(bench, start, state, added):
             bench.say(f"not named, as it leaves {reduced_chi2(bench, state):.4g}: {added[0].effect.name}")

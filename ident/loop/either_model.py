@@ -81,17 +81,19 @@ def _diagnosed(
 
     at_once = False
 
-    def elsewhere() -> bool:
+    def elsewhere(some: bool) -> bool:
         nonlocal at_once
-        at_once = not general.bench.late and general.at_once
-        return at_once
+        at_once = not (alone or some or general.bench.late) and general.at_once
+        return alone or at_once
 
     def gives_way(state: State, split: Split) -> bool:
         bench = replace(simplest.bench, split=split)
-        far = not bench.late and reduced_chi2(*general.beside(state, split)) < FAR * reduced_chi2(bench, state)
+        if bench.late:
+            return False
+        far = alone or reduced_chi2(*general.beside(state, split)) < FAR * reduced_chi2(bench, state)
         return far and not one_more(bench, state)
 
-    simple = simplest.diagnosed(gives_way, elsewhere)
+    simple = (simplest.by_names() if alone else simplest).diagnosed(gives_way, elsewhere)
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
     if not far and explained and _things(simple) > 1 and (alone or _fewer_do(general, simple)):
         found = by_general()

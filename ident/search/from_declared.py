@@ -79,6 +79,8 @@ def tried_bending(
     wanted: Callable[[Effect], bool] = lambda effect: True,
 ) -> list[Tried]:
     """The impedances of shapes alone that may have bent the arm, those `wanted`, from plausible ones."""
+    if bench.only_names:
+        return []
     return by_few_lines(bench, state, lin, [c for c in bending(lin, state.effects) if wanted(c.effect)])
 
 

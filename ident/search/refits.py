@@ -56,7 +56,8 @@ class Bench:
 
     The arm that is fitted begins at `guess`; chi^2 grows by `firm` where a number of it is off by all of its size. Nothing new is looked
     for once `time.monotonic()` is `until`. `at_first` is chi^2 on the choosing records without effects; lines on the way go to `say`.
-    `declared` is the declared arm where `guess` is another.
+    `declared` is the declared arm where `guess` is another. Where `only_names` are wanted no curves are drawn, and nothing is tried that
+    promises nothing.
     """
 
     campaign: Campaign
@@ -70,6 +71,7 @@ class Bench:
     say: Callable[[str], None] = lambda line: None
     at_first: float = np.inf
     declared: Parameters | None = None
+    only_names: bool = False
 
     @property
     def late(self) -> bool:

@@ -111,7 +111,7 @@ def hasty(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> It
         named = best_names(names)
         if _explaining(bench, names) is None:
             much = bool(named) and left_by(named[0]) < MUCH * state.select
-            if much or (not state.effects and law_leads(bench, names)):
+            if not bench.only_names and (much or (not state.effects and law_leads(bench, names))):
                 yield _drawn(bench, state, lin, names)
             else:
                 tried = _from_fitted(bench, state, lin)
@@ -176,7 +176,7 @@ def _and_curves(bench: Bench, state: State, lin: Linearised, names: list[Tried])
     tried = list(names)
     if reduced_chi2(bench, state) > CLOSE and all(left_by(one) > REST * state.select for one in tried):
         tried += _besides(bench, state, lin)
-    if not (bench.late or any(_leaves_nothing(bench, new) for _, new in tried)):
+    if not (bench.late or bench.only_names or any(_leaves_nothing(bench, new) for _, new in tried)):
         tried += _drawn(bench, state, lin, tried)
     return tried
 

@@ -111,6 +111,7 @@ def test_what_takes_fewer_numbers_is_taken(
     believed: bool,
 ) -> None:
     runs: list[bool] = []
+    by_names: list[bool] = []
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
         def diagnosed(*_: object) -> Left:
@@ -118,13 +119,16 @@ def test_what_takes_fewer_numbers_is_taken(
             return Left(model, by_zeros if model.factoring.believed else by_general, values)
 
         bench = SimpleNamespace(late=False)
-        return SimpleNamespace(
+        begins = SimpleNamespace(
             departs=not alone, alone=9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside), bench=bench
         )
+        begins.by_names = lambda: by_names.append(True) or begins
+        return begins
 
     monkeypatch.setattr(ident.loop.either_model, "begin", begun)
     found, notes = diagnose_either(campaign(0.0, 1), believe)
     assert bool(found.model.factoring.believed) == believed and len(runs) == tried
+    assert by_names == [True] * alone, "what general links explain alone is searched for names only"
     assert bool(notes) == (believed and believe is None)
 
 
@@ -140,7 +144,9 @@ def test_what_has_fewer_causes_is_taken(
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
         zeros = bool(model.factoring.believed)
         found = Left(model, 1.0, int(zeros), by_zeros if zeros else by_general, far)
-        return SimpleNamespace(departs=False, alone=1.0, diagnosed=lambda *_: found)
+        begins = SimpleNamespace(departs=False, alone=1.0, diagnosed=lambda *_: found)
+        begins.by_names = lambda: begins
+        return begins
 
     monkeypatch.setattr(ident.loop.either_model, "begin", begun)
     assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
@@ -250,7 +256,8 @@ def test_links_that_explain_at_once_what_nothing_does_beside_zeros_are_taken(
 
         def diagnosed(gives_way: object = None, elsewhere: object = None) -> Left:
             if callable(elsewhere):
-                assert zeros and elsewhere() == (at_once and not late)
+                assert zeros and elsewhere(False) == (at_once and not late) and not elsewhere(True)
+                elsewhere(False)
             return Left(model, 9.0 if zeros else 1.0, int(not zeros))
 
         bench = SimpleNamespace(late=late)
@@ -260,6 +267,30 @@ def test_links_that_explain_at_once_what_nothing_does_beside_zeros_are_taken(
 
     monkeypatch.setattr(ident.loop.either_model, "begin", begun)
     assert bool(diagnose_either(campaign(0.0, 1))[0].model.factoring.believed) == believed
+
+
+def test_what_general_links_explain_alone_gives_way_to_them_unless_one_name_more_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[tuple[bool, bool, bool]] = []
+    named = False
+
+    def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
+        def diagnosed(ask: object = None, elsewhere: object = None) -> Left:
+            if callable(ask) and callable(elsewhere):
+                asked.append((ask(9.0, None), elsewhere(False), elsewhere(True)))
+            return Left(model, 1.0, 1)
+
+        begins = SimpleNamespace(departs=False, alone=1.0, diagnosed=diagnosed, bench=Parts(None, False))
+        begins.by_names = lambda: begins
+        return begins
+
+    monkeypatch.setattr(ident.loop.either_model, "begin", begun)
+    monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: named)
+    diagnose_either(campaign(0.0, 1))
+    named = True
+    diagnose_either(campaign(0.0, 1))
+    assert asked == [(True, True, True), (False, True, True)]
 
 
 @pytest.mark.parametrize(

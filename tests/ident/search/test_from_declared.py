@@ -13,7 +13,7 @@ from ident.effects.motor import InputDelay, TorqueLag
 from ident.effects.spring import Backlash, SpringHardening
 from ident.search.candidates import Candidate
 from ident.search.choice import Tried
-from ident.search.from_declared import from_declared
+from ident.search.from_declared import from_declared, tried_bending
 
 DOF = 1000
 LAG, DELAY = TorqueLag(0, (1e-3,)), InputDelay(0, (1e-3,))
@@ -57,3 +57,15 @@ def test_what_is_fitted_at_once_comes_first_whatever_others_promise(
     bench: Any = SimpleNamespace(workers=1, split=SimpleNamespace(select=()))
     found = from_declared(bench, state(None, 3000.0), None)
     assert list(dict.fromkeys(one.candidate.effect for one in found)) == tried
+
+
+@pytest.mark.parametrize("only_names", [False, True])
+def test_what_promises_nothing_is_not_tried_where_only_names_are_wanted(
+    only_names: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    likely = [Candidate(HARD, 0.0, ()), Candidate(PLAY, 0.0, ())]
+    monkeypatch.setattr(ident.search.from_declared, "bending", lambda lin, effects: likely)
+    monkeypatch.setattr(ident.search.from_declared, "by_few_lines", lambda bench, state, lin, few: few)
+    bench, state, lin = SimpleNamespace(only_names=only_names), SimpleNamespace(effects=()), None
+    tried: Any = tried_bending(bench, state, lin, lambda effect: effect is PLAY)  # type: ignore[arg-type]
+    assert tried == ([] if only_names else likely[1:])

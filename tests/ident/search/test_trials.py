@@ -48,7 +48,7 @@ from ident.search.tried import again, by_few_lines, refitted
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
-BENCH: Any = SimpleNamespace(late=False, say=lambda line: None)
+BENCH: Any = SimpleNamespace(late=False, only_names=False, say=lambda line: None)
 LOADED, SLIDING, PLACE = (
     learned("link", name, [-1.0, 0.0, 1.0])(1, (0.1, 0.1, 0.1)) for name in ("loaded", "sliding", "friction")
 )
