@@ -86,23 +86,27 @@ def _likeliest(G: Complex, error: Complex, torque: Array, angle: Array, least: A
     A joint that drifts would leave others without noise of their own, and what these do together impossible. Every step makes the
     samples likelier (H. Zhou et al., J. Comput. Graph. Stat. 28 (2019), DOI 10.1080/10618600.2018.1529601).
     """
-    m, L = len(torque), len(G)
-    rows = np.concatenate([G, np.broadcast_to(np.eye(m), (L, m, m))], axis=2)
-    powers = np.concatenate([np.maximum(torque, SMALL * torque.max()), np.maximum(angle, least.min(axis=0))])
+    m, L, i = len(torque), len(G), np.arange(len(torque))
+    torque, angle = np.maximum(torque, SMALL * torque.max()), np.maximum(angle, least.min(axis=0))
+    # joints whose noise differs by far are inverted as if they were alike
+    unit = 1.0 / np.sqrt((np.abs(G) ** 2) @ torque + angle + least)
+    G, error, least, own = G * unit[..., None], error * unit, least * unit**2, unit**2
+    power = G[:, :, None, :] * G.conj()[:, None, :, :]  # of the angles' covariance, by each torque's
+    by_torque = np.stack([power.real, power.imag], axis=3).reshape(-1, m)
     samples = np.moveaxis(error, 0, 2)
     found = samples @ np.swapaxes(samples.conj(), 1, 2) / len(error)
     for _ in range(STEPS):
-        covariance = (rows * powers) @ np.swapaxes(rows.conj(), 1, 2)
-        covariance[:, range(m), range(m)] += least
-        size = np.sqrt(covariance[:, range(m), range(m)].real)
-        both = (
-            size[:, :, None] * size[:, None, :]
-        )  # joints whose noise differs by far are inverted as if they were alike
-        X = (inverses(covariance / both) / both) @ rows
-        seen = (X.conj() * (found @ X)).real.sum(axis=(0, 1))
-        expected = (rows.conj() * X).real.sum(axis=(0, 1))
-        powers = powers * np.sqrt(np.maximum(seen, 0.0) / np.maximum(expected, 1e-300))
-    return powers[:m], powers[m:]
+        covariance = (by_torque @ torque).view(complex).reshape(L, m, m)
+        covariance[:, i, i] += angle * own + least
+        expected = inverses(covariance)
+        seen = expected @ found @ expected
+        torque = torque * _root_of_ratio(*(by_torque.T @ x.view(float).ravel() for x in (seen, expected)))
+        angle = angle * _root_of_ratio(*((x[:, i, i].real * own).sum(axis=0) for x in (seen, expected)))
+    return torque, angle
+
+
+def _root_of_ratio(seen: Array, expected: Array) -> Array:
+    return np.asarray(np.sqrt(np.maximum(seen, 0.0) / np.maximum(expected, 1e-300)))
 
 
 def whitening(powers: Powers, theta: Complex, doubt: float = 0.0) -> Complex:
