@@ -29,10 +29,10 @@ from ident.search.choice import Tried
 from ident.search.contradicted import Off, contradicted, merged, standard_deviations
 from ident.search.departures import Departure, Errors, errors
 from ident.search.each_record import in_each_record
-from ident.search.from_declared import BENT
 from ident.search.minima import afresh, elsewhere, links_anew, settled
 from ident.search.one_more import one_more
 from ident.search.refits import (
+    BENT,
     CLOSE,
     HASTILY,
     NAMED,

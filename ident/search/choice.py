@@ -25,6 +25,13 @@ TIE, ALIKE = 12.0, 0.05
 AHEAD, REST = 0.03, 0.2
 #: Share of what a fine fit leaves that another one leaves in haste, at least, that ends where it did.
 HASTE = 0.7
+#: Share of what the best promises from which another is tried, as a promise is of first order.
+SLIGHT = 0.1
+#: Share of what there was that a name from the declared arm may leave for only curves to be tried from where the arm was fitted, and
+#: nothing that bends the whole arm.
+MUCH = 0.3
+#: What another leaves so far behind is not fitted finely, nor looked for where it is some other size.
+UNLIKELY = 0.1
 #: Share of chi^2 that the descents of two candidates may have left.
 DOUBT = 2.0 * FINELY
 

@@ -8,11 +8,11 @@ from ident.arm.parts import degrees
 from ident.effects.base import Effect, only_read, winds_up
 from ident.effects.structure import LockedJointElasticity
 from ident.search.candidates import Candidate, best_of, catalogue, larger, nearer
-from ident.search.choice import Tried, left_by
+from ident.search.choice import MUCH, SLIGHT, UNLIKELY, Tried, left_by
 from ident.search.contact import as_it_creeps, as_it_winds
 from ident.search.finer import finer
 from ident.search.minima import as_declared
-from ident.search.refits import CLOSE, NAMED, Bench, State, linearised, reduced_chi2, same
+from ident.search.refits import BENT, CLOSE, NAMED, Bench, State, linearised, reduced_chi2, same
 from ident.search.shapes import bending, only_shapes
 from ident.search.trace import Linearised
 from ident.search.tried import by_few_lines, refitted
@@ -21,15 +21,6 @@ from symgen.forked import forked
 #: Candidates taken over from the declared arm; share of what the best promises from which a force that follows from the motion is
 #: tried where it is so many times as large, too; and share of what is left without a force that promises to do as much.
 SURELY, LIKELY, LARGER = 6, 0.5, 1.4
-#: Share of what the best promises from which others are tried, whatever is fitted at once is.
-SLIGHT = 0.1
-#: chi^2 per degree of freedom that is so far beyond any noise that effects are looked for from the declared arm.
-BENT = 100.0
-#: Share of what there was that a name from the declared arm may leave for only curves to be tried from where the arm was fitted, and
-#: nothing that bends the whole arm.
-MUCH = 0.3
-#: What another leaves so far behind is not fitted finely, nor looked for where it is some other size.
-UNLIKELY = 0.1
 
 
 def from_declared(bench: Bench, state: State, found: Effect | None) -> list[Tried]:

@@ -37,8 +37,9 @@ FEW_TURNS, FEW_LINES, FEW_RECORDS, FEW_SAMPLES = 15, 250, 20, 6
 FIRST_LINES, BY_ALL = 100, 10.0
 #: chi^2 per degree of freedom above which something is left that is no noise.
 NAMED = 1.1
-#: How many times the noise the error of a model is that is near.
-CLOSE = 3.0
+#: How many times the noise the error of a model is that is near; chi^2 per degree of freedom so far beyond any noise that effects are
+#: looked for from the declared arm, too.
+CLOSE, BENT = 3.0, 100.0
 #: Times chi^2 per degree of freedom from which a last descent began that the choosing records then leave where it went astray.
 ASTRAY = 3.0
 #: Which of the four numbers of a drive (`Parameters`: K, J_m, D, D_spring) is a slope of a curve, by port and variable.

@@ -14,8 +14,7 @@ from ident.search.added import Added
 from ident.search.candidates import surest
 from ident.search.changes import told_of
 from ident.search.departures import Departure, departures, groups
-from ident.search.from_declared import BENT
-from ident.search.refits import CLOSE, FEW_SAMPLES, NAMED, Bench, State, linearised, reduced_chi2
+from ident.search.refits import BENT, CLOSE, FEW_SAMPLES, NAMED, Bench, State, linearised, reduced_chi2
 from ident.search.trials import ENOUGH
 
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so

@@ -13,7 +13,10 @@ from ident.search.candidates import Candidate, best_of, catalogue, of_kinds
 from ident.search.choice import (
     AHEAD,
     LEAST_SHARE,
+    MUCH,
     REST,
+    SLIGHT,
+    UNLIKELY,
     Tried,
     best_names,
     drawn_whole,
@@ -26,9 +29,10 @@ from ident.search.choice import (
 from ident.search.contact import balanced, besides, rubbing, rubbing_anew
 from ident.search.curves import curves, resonances, responses
 from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
-from ident.search.from_declared import BENT, MUCH, SLIGHT, UNLIKELY, as_it_moves, from_declared, tried_bending
+from ident.search.from_declared import as_it_moves, from_declared, tried_bending
 from ident.search.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, wound_up
 from ident.search.refits import (
+    BENT,
     CLOSE,
     FINELY,
     FULLY,
@@ -245,9 +249,10 @@ def _rung(bench: Bench, state: State, lin: Linearised, least: float) -> list[Tri
 def _ringing(bench: Bench, state: State, lin: Linearised, tried: Sequence[Tried]) -> list[Tried]:
     """What rings, promises most of all that were `tried` and leaves nearly all there was, at other frequencies."""
     best = max(tried, key=lambda one: one.candidate.gain, default=None)
-    failed = best is not None and reduced_chi2(bench, state) > CLOSE and left_by(best) > MUCH * state.select
-    failed = failed and all(reduced_chi2(bench, one.state) > NAMED for one in tried)
-    return by_few_lines(bench, state, lin, ringing(best[0])) if best is not None and failed else []
+    if best is None or reduced_chi2(bench, state) <= CLOSE or left_by(best) <= MUCH * state.select:
+        return []
+    explained = any(reduced_chi2(bench, one.state) <= NAMED for one in tried)
+    return [] if explained else by_few_lines(bench, state, lin, ringing(best.candidate))
 
 
 def ahead(bench: Bench, tried: Sequence[Tried]) -> Tried | None:

@@ -181,10 +181,11 @@ def test_a_draft_determines_all_at_little_more_error_in_a_moment(name: str) -> N
 
 
 def test_a_full_plan_is_certified() -> None:
-    """Of an arm of which a quick one is not: nothing of as many measurements can be 10 % better."""
-    quick, full = designed("6R 0"), designed("6R 0", "full")
-    assert full.d_efficiency >= 0.9 > quick.d_efficiency
+    """Panda, the hardest of the vendors' arms: nothing of 37 measurements can be 10 % better."""
+    quick, full = designed("panda"), designed("panda", "full")
+    assert full.d_efficiency >= 0.9
     assert full.amplification.max() <= 1.2 and full.amplification_p999.max() <= 1.7
+    assert full.d_efficiency > quick.d_efficiency
 
 
 @pytest.mark.bench

@@ -189,7 +189,8 @@ def test_a_law_with_a_memory_is_met_where_turns_do_not_settle() -> None:
 )
 def test_play_that_rattles_is_explained(gap: float, posture: tuple[float, ...]) -> None:
     """Where it hardly touches, contacts told by samples of a line or two are others: 3.1 and 2.7 of the noise would be left."""
-    assert levels(Backlash(0, (gap,)), "joint1", posture)[1] < 1.15
+    found = [levels(Backlash(0, (gap,)), "joint1", posture, seed=seed)[1] for seed in (4, 5, 6)]  # one draw: 0.9 to 1.8
+    assert np.median(found) < 1.1
 
 
 def test_a_velocity_at_which_friction_is_met_already_stays() -> None:

@@ -10,6 +10,7 @@ from unittest.mock import ANY
 
 import numpy as np
 import pytest
+from once import once
 
 from ident.arm.coupled import fit_coupled
 from ident.errors import ExperimentError
@@ -17,7 +18,7 @@ from ident.identification.precision import ALLOWANCE, SPACINGS, Precision, for_t
 from ident.joint.certainty import certainty
 from ident.records.frf import estimate
 from ident.simulator.bench import design, head, run
-from ident.simulator.design import Setup, prepare
+from ident.simulator.design import prepare
 from symgen.chain import Chain
 from symgen.plan import Model, plan_of_robot
 from symgen.robot import Robot, load_robot, recordable
@@ -35,16 +36,11 @@ def planned() -> tuple[Model, Robot, list[tuple[str, np.ndarray]]]:
 @pytest.fixture(scope="module", autouse=True)
 def prepared_once() -> Iterator[None]:
     """A record of the one robot is prepared once, for whatever precision."""
-    setups: dict[str, Setup] = {}
 
-    def once(chain: Chain, robot: Robot, joint: str, q: np.ndarray, *, lock: str, rng: np.random.Generator) -> Setup:
-        key = repr((robot.experiment, joint, q.tolist(), lock, rng.bit_generator.state))
-        if key not in setups:
-            setups[key] = prepare(chain, robot, joint, q, lock=lock, rng=rng)
-        return setups[key]
+    def key(chain: Chain, robot: Robot, joint: str, q: np.ndarray, *, lock: str, rng: np.random.Generator) -> str:
+        return repr((robot.experiment, joint, q.tolist(), lock, rng.bit_generator.state))
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.identification.precision.prepare", once)
+    with once("ident.identification.precision.prepare", prepare, key):
         yield
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from once import once
 
 from ident.cli import main
 from ident.errors import ExperimentError, IdentError
@@ -22,8 +23,8 @@ from ident.machines.doctor_page import page
 from ident.machines.starter import new_robot, starting_drives
 from ident.simulator.design import prepare
 from symgen.errors import RobotError
-from symgen.plan import Plan, chain_of_file, chain_of_robot, plan_of_robot
-from symgen.robot import Robot, load_robot, recordable
+from symgen.plan import chain_of_file, chain_of_robot, plan_of_robot
+from symgen.robot import load_robot, recordable
 
 ROBOTS = Path(__file__).parents[3] / "robots"
 
@@ -124,18 +125,12 @@ def test_nothing_of_a_person_is_overwritten(tmp_path: Path, capsys: pytest.Captu
 
 @pytest.fixture(scope="module", autouse=True)
 def planned_once() -> Iterator[None]:
-    """Robots whose plans follow from the same are planned once."""
-    plans: dict[str, Plan] = {}
-
-    def once(robot: Robot) -> Plan:
-        arm = robot.urdf.read_bytes(), robot.believe_zeros, robot.base, robot.tip, robot.at, robot.gravity.tolist()
-        key = repr((arm, [(drive.joint, drive.N, drive.J_m, drive.tau_max) for drive in robot.drives]))
-        if key not in plans:
-            plans[key] = plan_of_robot(robot)
-        return plans[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.machines.doctor.plan_of_robot", once)
+    """Robots that differ in nothing are planned once."""
+    with once(
+        "ident.machines.doctor.plan_of_robot",
+        plan_of_robot,
+        lambda robot: repr((robot.urdf.read_bytes(), replace(robot, urdf=Path()))),
+    ):
         yield
 
 

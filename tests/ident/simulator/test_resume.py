@@ -16,12 +16,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from once import once
 
 import ident.records.store
 from ident.cli import main
 from ident.effects.catalogue import parse
 from ident.errors import CampaignError, ExperimentError
-from ident.records.campaign import Campaign, Record
+from ident.records.campaign import Campaign
 from ident.records.store import join_campaigns, read_campaign, write_campaign
 from ident.simulator.bench import Job, design, head, run, simulate
 from ident.simulator.resume import digest, run_to_file
@@ -45,16 +46,7 @@ def jobs(seed: int = 0) -> tuple[Job, ...]:
 @pytest.fixture(scope="module", autouse=True)
 def simulated_once() -> Iterator[None]:
     """By this process; workers, and whoever is killed, simulate anew."""
-    records: dict[str, Record] = {}
-
-    def once(job: Job) -> Record:
-        key = digest(job)
-        if key not in records:
-            records[key] = run(job)
-        return records[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.simulator.resume.run", once)
+    with once("ident.simulator.resume.run", run, digest):
         yield
 
 
@@ -107,10 +99,11 @@ def test_it_goes_on_at_the_next_record(count: int, workers: int, whole: bytes, t
 
 def test_kill_9_at_any_moment(whole: bytes, tmp_path: Path) -> None:
     """The real signal, in the middle of a record and of a write, workers and all."""
-    script = "import sys; sys.path.insert(0, sys.argv[1]); from test_resume import *\n"
+    script = "import sys; sys.path[:0] = sys.argv[1:]; from test_resume import *\n"
     script += "if __name__ == '__main__': run_to_file(jobs(), EMPTY, 'c.h5')"
     (tmp_path / "run.py").write_text(script)
-    process = subprocess.Popen([sys.executable, "run.py", Path(__file__).parent], cwd=tmp_path, start_new_session=True)
+    paths = [Path(__file__).parent, Path(__file__).parents[2]]
+    process = subprocess.Popen([sys.executable, "run.py", *paths], cwd=tmp_path, start_new_session=True)
     partial = tmp_path / "c.h5.partial"
     while process.poll() is None and not list(partial.glob("0*.h5")):
         time.sleep(0.01)
