@@ -102,7 +102,7 @@ def test_kill_9_at_any_moment(whole: bytes, tmp_path: Path) -> None:
     script = "import sys; sys.path[:0] = sys.argv[1:]; from test_resume import *\n"
     script += "if __name__ == '__main__': run_to_file(jobs(), EMPTY, 'c.h5')"
     (tmp_path / "run.py").write_text(script)
-    paths = [Path(__file__).parent, Path(__file__).parents[2]]
+    paths = [Path(__file__).parent, Path(__file__).parents[1]]
     process = subprocess.Popen([sys.executable, "run.py", *paths], cwd=tmp_path, start_new_session=True)
     partial = tmp_path / "c.h5.partial"
     while process.poll() is None and not list(partial.glob("0*.h5")):
