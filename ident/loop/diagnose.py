@@ -17,19 +17,18 @@ import numpy as np
 from ident.arm.coupled import declared_start
 from ident.arm.evidence import Evidence, evidence, gravity_basis
 from ident.arm.parts import Split, degrees, split, split_lines
-from ident.effects.base import winds_up
 from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.records.campaign import Campaign
 from ident.records.frf import Frf, estimate
-from ident.search.added import Added, exchanged, largest_first, pruned, renamed, renewed, was_named
+from ident.search.added import Added, exchanged, largest_first, of_another_size, pruned, renamed, was_named
 from ident.search.apart import apart
 from ident.search.changes import told_of
 from ident.search.choice import Tried
 from ident.search.contradicted import Off, contradicted, merged, standard_deviations
 from ident.search.departures import Departure, Errors, errors
 from ident.search.each_record import in_each_record
-from ident.search.minima import afresh, elsewhere, links_anew, settled
+from ident.search.minima import afresh, links_anew, settled
 from ident.search.one_more import one_more
 from ident.search.refits import (
     BENT,
@@ -62,7 +61,6 @@ from ident.search.rest import (
     something_departs,
 )
 from ident.search.rounds import another
-from ident.search.trials import explains
 from ident.search.unbent import unbent
 from ident.search.whole_numbers import each_otherwise
 from symgen.plan import Model
@@ -151,9 +149,10 @@ class Begun:
         """chi^2 per degree of freedom that the arm without effects leaves on the choosing records."""
         return reduced_chi2(self.bench, self.start)
 
-    def beside(self, end: State, split: Split, fewer: int = 0) -> tuple[Bench, State]:
+    def beside(self, end: State, split: Split, fewer: int = 0, most: float = np.inf) -> tuple[Bench, State]:
         """This arm with the effects found with another, `end`, by the same parts of the records, or with so many `fewer` of them as do
-        best. By lines of every record where its own parts are, as those of records tell it too little."""
+        best; hastily fitted where that leaves more than `most` noise powers. By lines of every record where its own parts are, as those
+        of records tell it too little."""
         bench, n = self.bench, self.bench.model.chain.n
         if split.note or not bench.split.note:
             bench = replace(bench, split=self._parted(split))
@@ -163,7 +162,8 @@ class Begun:
         values = end.problem.base
         refits = [replace(part, vector=np.concatenate([arm, part.vector[values:]])) for part in parts for arm in arms]
         hastily = all_fitted(bench, [replace(one, roughly=HASTILY) for one in refits])
-        return bench, fitted(bench, Refit.of(min(hastily, key=lambda state: state.select)))
+        best = min(hastily, key=lambda state: state.select)
+        return bench, best if reduced_chi2(bench, best) > most else fitted(bench, Refit.of(best))
 
     def _parted(self, split: Split) -> Split:
         """The evidence of this arm in the same parts as that of another."""
@@ -216,7 +216,22 @@ class Begun:
     ) -> Diagnosis:
         """What explains the records, see `diagnose`; unexplained once it `gives_way` with what was found to another arm, or where what is left,
         whether some was found or not, is explained `elsewhere`."""
-        bench, start, state, added, left = self._searched(gives_way, elsewhere)
+        return self._told(*self._searched(gives_way, elsewhere))
+
+    def going_on(self, found: Diagnosis, bench: Bench, state: State) -> Diagnosis:
+        """What explains the records, see `diagnose`, from the effects on that were `found` with another arm and are those of this `state`, as
+        `beside` has both."""
+        start = self.start
+        if bench is not self.bench:
+            bench, start = begun(bench)
+        entries = [replace(one, others=(), partly=()) for one in _anew(bench, start, state, found.added)]
+        state, added = _loop(bench, start, (state, entries))
+        return self._told(bench, start, state, added, left_over(bench, start, state))
+
+    def _told(
+        self, bench: Bench, start: State, state: State, added: list[Added], left: tuple[Departure, ...]
+    ) -> Diagnosis:
+        """The diagnosis of what `_searched` has found."""
         if left and is_of_one_joint(bench, start, state, added):
             bench.say(f"not named, as it leaves {reduced_chi2(bench, state):.4g}: {added[0].effect.name}")
             state, added = start, []
@@ -298,21 +313,24 @@ def _by_lines(bench: Bench, data: tuple[Evidence, ...]) -> tuple[Bench, State]:
 
 def _resumed(bench: Bench, start: State, found: State, added: Sequence[Added]) -> tuple[State, list[Added]] | None:
     """The model with effects that were `found`, and `added`, by other parts of the records, if it leaves little by these, too: on declared
-    links, if it then leaves nothing, which the other parts may not have told. Models `besides` are not kept: they were judged by
-    those."""
+    links, if it then leaves nothing, which the other parts may not have told."""
     if not added:
         return None
     plain = on_declared_links(found)
     state = fitted(bench, plain or Refit.of(found))
     if plain is not None and reduced_chi2(bench, state) > NAMED:
         state = fitted(bench, Refit.of(found))
-    if share_left(bench, start, state) > LEFT:
-        return None
+    return None if share_left(bench, start, state) > LEFT else (state, _anew(bench, start, state, added))
+
+
+def _anew(bench: Bench, start: State, state: State, added: Sequence[Added]) -> list[Added]:
+    """The entries of effects that were `added` by other parts of the records, or another arm, with the errors that these leave of a
+    model `state`, and without the models `besides`, which were judged by those."""
     report = bench.split.report
     entries = [replace(one, besides=None) for one in added]
     entries[0] = replace(entries[0], before=errors(bench, start, report).all)
     entries[-1] = replace(entries[-1], after=errors(bench, state, report).all)
-    return state, entries
+    return entries
 
 
 def _loop(
@@ -369,17 +387,5 @@ def _loop(
         missing = missing if state is tried_from else ()
     if added and state is not begun_afresh and not bench.late and may_be_bent(bench, start, state):
         state = afresh(bench, state)
-    state, added = _of_another_size(bench, state, added)
+    state, added = of_another_size(bench, state, added)
     return each_otherwise(bench, state), added
-
-
-def _of_another_size(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
-    """The model and its entries, or those where effects that were found while others were missing are some other size, if that leaves
-    less: looked for where more is left than some others may leave, or than noise beside what winds a spring up, which may leave little
-    far from its size."""
-    for effect in state.effects[:-1]:
-        doubtful = reduced_chi2(bench, state) > NAMED if winds_up(effect) else not explains(bench, state)
-        if doubtful and not bench.late:
-            new = elsewhere(bench, state, effect)
-            state, added = new, renewed(state, new, added)
-    return state, added

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from math import inf
 
 from ident.arm.parts import Split
@@ -32,6 +32,8 @@ FEWER = 2
 #: They come first where they leave less than this share of what is left when zeros are believed, without effects, and are gone over
 #: to where they do beside those found. It was 0.1 at most where a link was off, 0.4 at least where none was.
 FAR = 0.2
+#: Share of what is left when zeros are believed that they may leave, hastily fitted, to leave so much less.
+MAYBE = 0.5
 #: They are taken where they explain the records with this share of the causes: which numbers are told as off is chance at the margin.
 HALF = 0.5
 
@@ -71,12 +73,14 @@ def _diagnosed(
     simplest = begin(campaign, symmetric, responses, workers, until, say)
     alone = not general.departs
     by_general = cache(lambda: general.diagnosed())
-    far = not alone and general.alone < FAR * simplest.alone
+    far, gone_on = not alone and general.alone < FAR * simplest.alone, None
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
         found = by_general()
         beside = simplest.beside(found.end, found.split)
         if found.left <= NAMED and reduced_chi2(*beside) > CLOSE and not one_more(*beside):
             return found, notes
+        if found.left <= NAMED and found.added and reduced_chi2(*beside) <= NAMED:
+            gone_on = partial(simplest.going_on, found, *beside)
     say(f"the {believed} zeros of the URDF believed")
 
     at_once = False
@@ -86,14 +90,21 @@ def _diagnosed(
         at_once = not (alone or some or general.bench.late) and general.at_once
         return alone or at_once
 
-    def gives_way(state: State, split: Split) -> bool:
-        bench = replace(simplest.bench, split=split)
-        if bench.late:
-            return False
-        far = alone or reduced_chi2(*general.beside(state, split)) < FAR * reduced_chi2(bench, state)
-        return far and not one_more(bench, state)
+    stayed: set[frozenset[tuple[str, int | None]]] = set()
 
-    simple = (simplest.by_names() if alone else simplest).diagnosed(gives_way, elsewhere)
+    def gives_way(state: State, split: Split) -> bool:
+        bench, names = replace(simplest.bench, split=split), frozenset((e.name, e.joint) for e in state.effects)
+        if bench.late or names in stayed:
+            return False
+        left = reduced_chi2(bench, state)
+        far = alone or reduced_chi2(*general.beside(state, split, most=MAYBE * left)) < FAR * left
+        gives = far and not one_more(bench, state)
+        if not gives:
+            stayed.add(names)
+        return gives
+
+    begun = simplest.by_names() if alone else simplest
+    simple = gone_on() if gone_on else begun.diagnosed(gives_way, elsewhere)
     explained = simple.left <= NAMED and (not alone or 0 < sum(len(e.values) for e in simple.end.effects) < more)
     if not far and explained and _things(simple) > 1 and (alone or _fewer_do(general, simple)):
         found = by_general()
@@ -104,7 +115,10 @@ def _diagnosed(
         far
         or alone
         or at_once
-        or (not general.bench.late and reduced_chi2(*general.beside(simple.end, simple.split)) < BETTER * simple.left)
+        or (
+            not general.bench.late
+            and reduced_chi2(*general.beside(simple.end, simple.split, most=simple.left)) < BETTER * simple.left
+        )
     ):
         found = by_general()
         if alone or found.left < BETTER * simple.left:

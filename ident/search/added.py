@@ -9,14 +9,14 @@ from itertools import pairwise
 import numpy as np
 
 from ident.arm.parts import degrees
-from ident.effects.base import Effect, Law
+from ident.effects.base import Effect, Law, winds_up
 from ident.effects.learned import Learned, LearnedLaw, at_knots, learned
 from ident.search.candidates import catalogue
 from ident.search.changes import told_of
 from ident.search.choice import AHEAD, ALIKE, LEAST_SHARE, chosen, left_by
 from ident.search.curves import curves
 from ident.search.departures import errors
-from ident.search.minima import LEAST_GAIN, fully, told
+from ident.search.minima import LEAST_GAIN, elsewhere, fully, told
 from ident.search.refits import (
     CLOSE,
     HASTILY,
@@ -34,7 +34,7 @@ from ident.search.refits import (
     without,
 )
 from ident.search.trace import port_shares
-from ident.search.trials import CURVES, polished, promising
+from ident.search.trials import CURVES, explains, polished, promising
 from ident.search.tried import refitted
 
 #: Curves at the port of a name that together do more than this share of what it did, or leave it less than this share of its
@@ -272,3 +272,15 @@ def largest_first(bench: Bench, state: State, added: Sequence[Added]) -> list[Ad
             ),
         ]  # fmt: skip
     return entries
+
+
+def of_another_size(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
+    """The model and its entries, or those where effects that were found while others were missing are some other size, if that leaves
+    less: looked for where more is left than some others may leave, or than noise beside what winds a spring up, which may leave little
+    far from its size."""
+    for effect in state.effects[:-1]:
+        doubtful = reduced_chi2(bench, state) > NAMED if winds_up(effect) else not explains(bench, state)
+        if doubtful and not bench.late:
+            new = elsewhere(bench, state, effect)
+            state, added = new, renewed(state, new, added)
+    return state, added

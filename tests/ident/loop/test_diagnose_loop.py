@@ -25,7 +25,7 @@ from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.learned import learned
 from ident.effects.ringing import Ringing
 from ident.effects.spring import Backlash
-from ident.loop.diagnose import Begun, Diagnosis, _better, _loop, _of_another_size, _resumed, begin, diagnose
+from ident.loop.diagnose import Begun, Diagnosis, _better, _loop, _resumed, begin, diagnose
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import estimate
 from ident.search.added import Added, renamed
@@ -223,27 +223,6 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
     assert asked == ([start, bent] if does else [start])
 
 
-@pytest.mark.parametrize(("left", "sized"), [(1.2, 1), (1.0, 0)])
-def test_what_winds_a_spring_up_and_was_found_while_another_was_missing_is_tried_at_other_sizes(
-    left: float, sized: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A cubic spring that was 12 % off left 1.17 noise powers: little enough for any other effect."""
-    effects = (CATALOGUE["spring-hardening"](1, (1e7,)), CATALOGUE["link-viscous"](2, (0.1,)))
-    found, better = (SimpleNamespace(left=x, effects=effects) for x in (left, 0.9))
-    asked: list[Effect] = []
-
-    def elsewhere(bench: Bench, state: State, effect: Effect) -> State:
-        asked.append(effect)
-        return better
-
-    _instead(monkeypatch, {
-        "reduced_chi2": lambda bench, state: state.left, "explains": lambda *of: True, "elsewhere": elsewhere,
-        "renewed": lambda state, new, added: added,
-    })  # fmt: skip
-    assert _of_another_size(SimpleNamespace(late=False), found, []) == ((better, []) if sized else (found, []))
-    assert asked == list(effects[:sized])
-
-
 @pytest.mark.parametrize(("left", "asked"), [(1.03, True), (0.93, False)])
 def test_what_hardly_leaves_noise_is_looked_for_beside_what_was_found_too(
     left: float, asked: bool, monkeypatch: pytest.MonkeyPatch
@@ -344,6 +323,34 @@ def test_entries_are_in_the_order_in_which_they_were_added_and_errors_of_the_sam
     assert told.before.of == told.after.of == ("first",)  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize("other_parts", [False, True])
+def test_effects_found_with_another_arm_are_gone_on_from_without_its_models(
+    monkeypatch: pytest.MonkeyPatch, other_parts: bool
+) -> None:
+    """Its constants are not those of this arm."""
+    own, anew, state = (SimpleNamespace(left=left) for left in (9.0, 8.0, 1.0))
+    elsewhere: Any = SimpleNamespace()
+    entry = Added(LinkViscous(1, (0.1,)), (), 0.0, 0.0, 1.0, 1.0, (), (), (), (elsewhere,), (elsewhere,), elsewhere)
+    looped: list[Any] = []
+
+    def loop(bench: Any, start: Any, resumed: Any) -> Any:
+        looped.append((start, *resumed))
+        return resumed
+
+    stand_ins = {
+        "begun": lambda bench: (bench, anew), "_loop": loop, "left_over": lambda *of: (),
+        "errors": lambda bench, state, data: SimpleNamespace(all=state.left),
+    }  # fmt: skip
+    _instead(monkeypatch, stand_ins)
+    monkeypatch.setattr(Begun, "_told", lambda self, *of: of)
+    benches: list[Any] = [SimpleNamespace(split=SimpleNamespace(report=())) for _ in range(2)]
+    found: Any = SimpleNamespace(added=(entry,))
+    Begun((), (), benches[0], own).going_on(found, benches[other_parts], state)  # type: ignore[arg-type]
+    (start, of, entries) = looped[0]
+    assert start is (anew if other_parts else own) and of is state
+    assert [(e.before, e.after, e.others, e.partly, e.besides) for e in entries] == [(start.left, 1.0, (), (), None)]
+
+
 @dataclass(frozen=True)
 class Piece:
     """A record as a model has it, at so many of its lines."""
@@ -365,7 +372,8 @@ def test_two_arms_are_compared_by_the_same_parts_of_the_records(
     end: Any = SimpleNamespace(effects=(), minimum=arm, problem=SimpleNamespace(base=4))
     monkeypatch.setattr("ident.loop.diagnose.some", lambda end, keep: Refit(arm.vector, (), (), ()))
     monkeypatch.setattr("ident.loop.diagnose.all_fitted", lambda bench, refits: [SimpleNamespace(select=1.0)])
-    monkeypatch.setattr("ident.loop.diagnose.fitted", lambda bench, refit: None)
+    monkeypatch.setattr("ident.loop.diagnose.fitted", lambda bench, refit: "finely")
+    monkeypatch.setattr("ident.loop.diagnose.reduced_chi2", lambda bench, state: state.select)
     monkeypatch.setattr(Refit, "of", lambda state: state)
     data: Any = tuple(Piece(k, "own") for k in range(3))
     one, two, three = data
@@ -382,6 +390,8 @@ def test_two_arms_are_compared_by_the_same_parts_of_the_records(
     same: Any = Split(fit, (Piece(2, "own", "b"),), (Piece(1, "own"),), given)
     expected = same if taken else bench.split
     assert [getattr(found, part) for part in vars(same)] == [getattr(expected, part) for part in vars(same)]
+    finely = [begun.beside(end, other, most=most)[1] == "finely" for most in (0.9, 1.1)]
+    assert finely == [False, True], "what leaves too much in haste is not fitted on"
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 import ident.loop.either_model
 from ident.effects.motor import InputDelay
 from ident.loop.diagnose import begin
-from ident.loop.either_model import diagnose_either
+from ident.loop.either_model import MAYBE, diagnose_either
 from ident.records.campaign import Campaign
 from ident.search.refits import reduced_chi2
 from ident.simulator.bench import simulate
@@ -62,7 +62,7 @@ class Left:
     status = "explained"
 
     def __init__(self, model: Model, left: float, values: int, off: int = 0, far: bool = True) -> None:
-        self.model, self.left, self.off, self.split = model, left, [None] * off, None
+        self.model, self.left, self.off, self.split, self.added = model, left, [None] * off, None, [None] * bool(values)
         self.end = SimpleNamespace(effects=[SimpleNamespace(values=(0.0,) * values)] if values else [], far=far)
 
 
@@ -72,7 +72,13 @@ def _stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         ident.loop.either_model,
         "reduced_chi2",
-        lambda bench, state: state if isinstance(state, float) else reduced_chi2(bench, state),
+        lambda bench, state: (
+            state
+            if isinstance(state, float)
+            else state.left
+            if isinstance(state, SimpleNamespace)
+            else reduced_chi2(bench, state)
+        ),
     )
     monkeypatch.setattr(ident.loop.either_model, "far_from_zero", lambda general, symmetric, end: end.far)
 
@@ -120,7 +126,7 @@ def test_what_takes_fewer_numbers_is_taken(
 
         bench = SimpleNamespace(late=False)
         begins = SimpleNamespace(
-            departs=not alone, alone=9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside), bench=bench
+            departs=not alone, alone=9.0, diagnosed=diagnosed, beside=lambda *_, **of: (None, beside), bench=bench
         )
         begins.by_names = lambda: by_names.append(True) or begins
         return begins
@@ -177,11 +183,12 @@ def test_links_that_do_without_two_effects_are_taken(
 @pytest.mark.parametrize(
     ("by_general", "by_zeros", "beside", "named", "order", "believed"),
     [
-        (1.0, 1.0, 9.0, False, [False], False),  # links that are not symmetric beside an effect
-        (1.0, 1.0, 1.0, False, [False, True], True),  # the effect does without them
-        (1.0, 1.5, 2.5, False, [False, True], False),  # they explain, and the zeros believed do not
-        (1.0, 1.0, 9.0, True, [False, True], True),  # another in their place, as a zero that is off
-        (5.0, 1.0, 9.0, False, [False, True], True),  # they leave something
+        (1.0, 1.0, 9.0, False, ["found"], False),  # links that are not symmetric beside an effect
+        (1.0, 1.0, 1.0, False, ["found", "gone on"], True),  # the effect does without them
+        (1.0, 1.0, 1.5, False, ["found", "believed"], True),  # it nearly does
+        (1.0, 1.5, 2.5, False, ["found", "believed"], False),  # they explain, and the zeros believed do not
+        (1.0, 1.0, 9.0, True, ["found", "believed"], True),  # another in their place, as a zero that is off
+        (5.0, 1.0, 9.0, False, ["found", "believed"], True),  # they leave something
     ],
 )
 def test_links_that_leave_far_less_without_effects_come_first(
@@ -190,24 +197,30 @@ def test_links_that_leave_far_less_without_effects_come_first(
     by_zeros: float,
     beside: float,
     named: bool,
-    order: list[bool],
+    order: list[str],
     believed: bool,
 ) -> None:
-    runs: list[bool] = []
+    runs: list[str] = []
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
         zeros = bool(model.factoring.believed)
 
         def diagnosed(*_: object) -> Left:
-            runs.append(zeros)
+            runs.append("believed" if zeros else "found")
             return Left(model, by_zeros if zeros else by_general, 1)
+
+        def going_on(found: Left, split: None, left: float) -> Left:
+            runs.append("gone on")
+            assert zeros and found.left == by_general and left == beside
+            return Left(model, by_zeros, 1)
 
         bench = SimpleNamespace(late=False)
         return SimpleNamespace(
             departs=True,
             alone=90.0 if zeros else 9.0,
             diagnosed=diagnosed,
-            beside=lambda *_: (None, beside),
+            going_on=going_on,
+            beside=lambda *_, **of: (None, beside),
             bench=bench,
         )
 
@@ -225,22 +238,29 @@ def test_what_general_links_explain_far_better_and_no_name_is_theirs(
     monkeypatch: pytest.MonkeyPatch, left: float, beside: float, named: bool, gives_way: bool
 ) -> None:
     asked: list[bool] = []
+    tried: list[float] = []
 
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
         def diagnosed(ask: object = None, *_: object) -> Left:
             if callable(ask):
-                asked.append(ask(left, None))
+                asked.extend(
+                    ask(SimpleNamespace(effects=of, left=left), None) for of in ((), (), (InputDelay(JOINT, (DELAY,)),))
+                )
             return Left(model, 1.0, 1)
 
+        def beside_them(state: SimpleNamespace, split: None, most: float = 0.0) -> tuple[None, float]:
+            if most:
+                tried.append(most)
+            return None, beside
+
         bench = Parts(None, False)
-        return SimpleNamespace(
-            departs=True, alone=9.0, diagnosed=diagnosed, beside=lambda *_: (None, beside), bench=bench
-        )
+        return SimpleNamespace(departs=True, alone=9.0, diagnosed=diagnosed, beside=beside_them, bench=bench)
 
     monkeypatch.setattr(ident.loop.either_model, "begin", begun)
     monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: named)
     diagnose_either(campaign(0.0, 1))
-    assert asked == [gives_way]
+    assert asked == [gives_way] * 3
+    assert tried == [MAYBE * left] * (3 if gives_way else 2), "beside the same effects they are asked once"
 
 
 @pytest.mark.parametrize(
@@ -262,7 +282,12 @@ def test_links_that_explain_at_once_what_nothing_does_beside_zeros_are_taken(
 
         bench = SimpleNamespace(late=late)
         return SimpleNamespace(
-            departs=True, alone=9.0, diagnosed=diagnosed, beside=lambda *_: (None, 9.0), bench=bench, at_once=at_once
+            departs=True,
+            alone=9.0,
+            diagnosed=diagnosed,
+            beside=lambda *_, **of: (None, 9.0),
+            bench=bench,
+            at_once=at_once,
         )
 
     monkeypatch.setattr(ident.loop.either_model, "begin", begun)
@@ -278,7 +303,7 @@ def test_what_general_links_explain_alone_gives_way_to_them_unless_one_name_more
     def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
         def diagnosed(ask: object = None, elsewhere: object = None) -> Left:
             if callable(ask) and callable(elsewhere):
-                asked.append((ask(9.0, None), elsewhere(False), elsewhere(True)))
+                asked.append((ask(SimpleNamespace(effects=(), left=9.0), None), elsewhere(False), elsewhere(True)))
             return Left(model, 1.0, 1)
 
         begins = SimpleNamespace(departs=False, alone=1.0, diagnosed=diagnosed, bench=Parts(None, False))

@@ -14,12 +14,13 @@ import ident.search.rounds
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.creeping import creeping
-from ident.effects.friction import LinkCoulomb, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
+from ident.effects.friction import LinkCoulomb, LinkViscous, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.learned import learned
 from ident.effects.motor import InputDelay, TorqueLag
+from ident.effects.spring import SpringHardening
 from ident.effects.structure import LinkFlexibility
 from ident.loop.diagnose import _better
-from ident.search.added import Added, drawn_over, exchanged, largest_first, outdone, pruned
+from ident.search.added import Added, drawn_over, exchanged, largest_first, of_another_size, outdone, pruned
 from ident.search.choice import Tried
 from ident.search.refits import Refit, instead
 
@@ -246,3 +247,26 @@ def test_the_arm_without_effects_is_the_one_that_was_fitted_best() -> None:
     assert _better(declared, [replace(entry(DELAY), besides=led), entry(DRY)]) is led
     assert _better(declared, [replace(entry(DELAY), besides=state(95.0))]) is declared
     assert _better(declared, [replace(entry(DELAY), besides=state(1.0, DRY))]) is declared
+
+
+@pytest.mark.parametrize(("left", "sized"), [(1.2, 1), (1.0, 0)])
+def test_what_winds_a_spring_up_and_was_found_while_another_was_missing_is_tried_at_other_sizes(
+    left: float, sized: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cubic spring that was 12 % off left 1.17 noise powers: little enough for any other effect."""
+    effects = (SpringHardening(1, (1e7,)), LinkViscous(2, (0.1,)))
+    found, better = (SimpleNamespace(left=x, effects=effects) for x in (left, 0.9))
+    asked: list[Effect] = []
+
+    def elsewhere(bench: Any, state: Any, effect: Effect) -> Any:
+        asked.append(effect)
+        return better
+
+    stand_ins = {
+        "reduced_chi2": lambda bench, state: state.left, "explains": lambda *of: True, "elsewhere": elsewhere,
+        "renewed": lambda state, new, added: added,
+    }  # fmt: skip
+    for name, stand_in in stand_ins.items():
+        monkeypatch.setattr(ident.search.added, name, stand_in)
+    assert of_another_size(BENCH, found, []) == ((better, []) if sized else (found, []))
+    assert asked == list(effects[:sized])
