@@ -97,7 +97,7 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
     plain: Array | None = None
     shifted, worse = np.zeros(P), 0
     dry = any(effect.dry for effect in problem.effects)
-    followed = not dry and any(map(has_forces, problem.effects))
+    followed = any(map(has_forces, problem.effects))
     for left, doubt in zip(range(len(doubts) + outer, 0, -1), (*doubts, *[0.0] * outer), strict=True):
         place.weighed(sums, vector, doubt)
         if plain is not None and place.chi2 > begun:

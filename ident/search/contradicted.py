@@ -12,7 +12,7 @@ from ident.arm.descent import SLACK, minimise
 from ident.arm.parts import degrees
 from ident.effects.base import Effect
 from ident.records.campaign import Array
-from ident.search.departures import errors
+from ident.search.departures import errors, held_as
 from ident.search.deviations import HIDDEN, Deviation, deviations
 from ident.search.minima import LEAST_GAIN
 from ident.search.refits import FINELY, Bench, State, same
@@ -37,9 +37,8 @@ def contradicted(bench: Bench, state: State) -> tuple[Off, ...]:
         return ()
     least = state.select + LEAST_GAIN + max(state.select - degrees(bench.split.select), 0.0) / 2.0
     select, report = bench.split.select, bench.split.report
-    chosen, vector = replace(state.problem, data=select), state.minimum.vector
-    held = hold(chosen, vector)
-    held_out = tuple(hold(replace(state.problem, data=report), vector))
+    chosen = replace(state.problem, data=select)
+    held, held_out = held_as(state, select), held_as(state, report)
 
     def cost(one: Deviation) -> tuple[float, float]:
         """What it costs to keep one: chi^2 on the choosing records and held-out error, under forces as they were found."""

@@ -78,6 +78,12 @@ class Departure:
     share: float
 
 
+@lru_cache(maxsize=4)  # of the model that is judged
+def held_as(state: State, data: tuple[Evidence, ...]) -> tuple[Held, ...]:
+    """Weights and motions of `data` as a model has them."""
+    return tuple(hold(replace(state.problem, data=data), state.minimum.vector))
+
+
 @lru_cache(maxsize=8)  # those of one diagnosis: what is kept keeps its records
 def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[Held, ...] = ()) -> Errors:
     """Relative rms errors of the excited joint's angle at the excited lines of `data`, with motions as `held`, else as the state's.
@@ -88,7 +94,7 @@ def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[H
     which = [one.index in told for one in data]
     data, held = tuple(compress(data, which)), tuple(compress(held, which))
     problem = replace(state.problem, data=data)
-    held = held or tuple(hold(problem, state.minimum.vector))
+    held = held or held_as(state, data)
     squares: list[tuple[int, Array, Array, Array]] = []
     for one, kept in zip(data, held, strict=True):
         r, W = residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W
@@ -127,8 +133,8 @@ def groups(state: State, data: Sequence[Evidence]) -> list[tuple[int, int, Band,
 
     The level is without the line that departs most: one alone is an outlier, no effect.
     """
-    problem = replace(state.problem, data=tuple(data))
-    held = hold(problem, state.minimum.vector)
+    data = tuple(data)
+    problem, held = replace(state.problem, data=data), held_as(state, data)
     found = []
     for one, kept in zip(data, held, strict=True):
         r = residual(problem, state.minimum.vector, one, kept.moved)[0]

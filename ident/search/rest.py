@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
-from ident.arm.arm_fit import chi_squared, hold
+from ident.arm.arm_fit import chi_squared
 from ident.arm.parts import degrees, few_lines, sampled
 from ident.effects.base import Effect, Law, has_forces, winds_up
 from ident.effects.learned import Learned
 from ident.search.added import Added
 from ident.search.candidates import surest
 from ident.search.changes import told_of
-from ident.search.departures import Departure, departures, groups
+from ident.search.departures import Departure, departures, groups, held_as
 from ident.search.refits import BENT, CLOSE, FEW_SAMPLES, NAMED, Bench, State, linearised, reduced_chi2
 from ident.search.trials import ENOUGH
 
@@ -101,7 +101,7 @@ def is_unseen(bench: Bench, state: State) -> bool:
     """Whether the records that only report leave far more than those that fit and choose: something acts in them alone."""
     data = told_of(bench.split, state, bench.split.report)
     problem = replace(state.problem, data=data)
-    left = chi_squared(problem, state.minimum.vector, hold(problem, state.minimum.vector)) / degrees(data)
+    left = chi_squared(problem, state.minimum.vector, held_as(state, data)) / degrees(data)
     return left > UNSEEN * max(reduced_chi2(bench, state), _fitting(bench, state), 1.0)
 
 

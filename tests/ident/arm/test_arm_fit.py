@@ -360,15 +360,22 @@ class Pushed(Effect):
 
 
 @pytest.mark.parametrize(
-    ("levels", "least", "motions"),
+    ("levels", "least", "motions", "dry"),
     [
-        ([50.0, 10.0, 20.0, 30.0, 5.0], 10.0, 4),  # two motions in a row that leave more lead away
-        ([50.0, 10.0, 20.0, 4.0, 3.0], 3.0, 5),  # one is on the way
+        ([50.0, 10.0, 20.0, 30.0, 5.0], 10.0, 4, False),  # two motions in a row that leave more lead away
+        ([50.0, 10.0, 20.0, 4.0, 3.0], 3.0, 5, False),  # one is on the way
+        (
+            [50.0, 10.0, 20.0, 20.0, 20.0, 30.0, 30.0, 30.0, 5.0],
+            10.0,
+            8,
+            True,
+        ),  # friction goes a half and a quarter of it, too
     ],
 )
 def test_a_fit_whose_motions_lead_away_ends_at_its_best(
-    levels: list[float], least: float, motions: int, monkeypatch: pytest.MonkeyPatch
+    levels: list[float], least: float, motions: int, dry: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(Pushed, "dry", dry)
     held = iter(enumerate(levels))
     found = 0
 

@@ -574,7 +574,7 @@ def test_what_acts_in_records_that_only_report_is_seen_there(
 ) -> None:
     """A joint that changed before the last record: what fits and chooses is explained without."""
     stand_ins = {
-        "told_of": lambda split, state, data: data, "chi_squared": lambda *of: reported, "hold": lambda *of: (),
+        "told_of": lambda split, state, data: data, "chi_squared": lambda *of: reported, "held_as": lambda *of: (),
         "degrees": lambda data: 1, "replace": lambda problem, data: problem, "_fitting": lambda bench, state: 0.9,
         "reduced_chi2": lambda bench, state: chosen,
     }  # fmt: skip

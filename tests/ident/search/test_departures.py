@@ -21,7 +21,7 @@ def test_lines_above_the_last_edge_depart_too(monkeypatch: pytest.MonkeyPatch) -
     r = np.where(f >= 1000.0, 100.0, 0.1)[:, None] + 0j
     monkeypatch.setattr("ident.search.departures.replace", lambda problem, **of: problem)
     monkeypatch.setattr(
-        "ident.search.departures.hold", lambda *of: [SimpleNamespace(W=np.ones((len(f), 1, 1)), moved=None)]
+        "ident.search.departures.held_as", lambda *of: [SimpleNamespace(W=np.ones((len(f), 1, 1)), moved=None)]
     )
     monkeypatch.setattr("ident.search.departures.residual", lambda *of: (r,))
     state: Any = SimpleNamespace(problem=None, minimum=SimpleNamespace(vector=None))
