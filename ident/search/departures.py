@@ -78,7 +78,7 @@ class Departure:
     share: float
 
 
-@lru_cache(maxsize=4)  # of the model that is judged
+@lru_cache(maxsize=2)  # of the model that is judged: records that choose, and that report
 def held_as(state: State, data: tuple[Evidence, ...]) -> tuple[Held, ...]:
     """Weights and motions of `data` as a model has them."""
     return tuple(hold(replace(state.problem, data=data), state.minimum.vector))
