@@ -73,7 +73,8 @@ def _diagnosed(
     simplest = begin(campaign, symmetric, responses, workers, until, say)
     alone = not general.departs
     by_general = cache(lambda: general.diagnosed())
-    far, gone_on = not alone and general.alone < FAR * simplest.alone, None
+    far = not alone and general.alone < FAR * simplest.alone
+    gone_on: Callable[[], Diagnosis] | None = None
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
         found = by_general()
         beside = simplest.beside(found.end, found.split)
