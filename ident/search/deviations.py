@@ -48,6 +48,10 @@ POSTURES, SEED = 200, 0
 LOAD, AWAY = 0.5, 0.3
 #: A large step of it: this share of the longest link, and so much [m] where no link has a length; of a body's share or gravity's.
 AWAY_STEP, LEAST_STEP, SHARE_STEP = 0.1, 1e-3, 0.1
+#: Share of a cost below which another is less, and not that of the same load beyond a plane of symmetry.
+MIRRORED = 1.0 - 1e-6
+#: Steps after which a load that is looked for has been led away: to no mass, infinitely far.
+MOST_STEPS = 100
 #: Singular value of what a body's parameters do, of the largest, below which it is rounding.
 ROUNDING = 1e-9
 
@@ -213,6 +217,23 @@ class Change:
                 found.append(self.rows[:, 10 * (n - 1) :] @ _mass_at(self.load(own)))
         return np.array(found)
 
+    def slopes(self, parts: Sequence[Part], x: Array) -> Array:
+        """How the change [D + r] that all parts make answers each of their parameters `x` [k]: [D + r, k]."""
+        n, gravity = self.model.chain.n, np.arange(len(self.was)) >= len(self.model.factoring.W)
+        columns = np.zeros((len(self.was), 0))
+        for part in parts:
+            own = x[columns.shape[1] :][: part.numbers]
+            if part.body is None:
+                columns = columns * (1.0 + own[0] * gravity)[:, None]
+                more = (gravity * (self.was + self.by(parts[:-1], x[:-1]).sum(axis=0)))[:, None]
+            elif part.numbers == 1:
+                more = self.by([part], np.ones(1)).T
+            else:
+                more = self.rows[:, 10 * (n - 1) :] @ _mass_slopes(self.load(own))
+                more = more if part.numbers == 4 else np.stack([more[:, 0], more[:, 1:] @ self.ray], axis=1)
+            columns = np.hstack([columns, more])
+        return columns
+
     def load(self, x: Array) -> Array:
         """Mass and centre [4] of a point mass on the ray through the last body's centre, at an offset (x [2]), or anywhere (x [4])."""
         return x if len(x) == 4 else np.concatenate([x[:1], x[1] * self.ray])
@@ -253,8 +274,14 @@ class Change:
         for point in np.concatenate([np.eye(m), -np.eye(m), np.zeros((1, m))]) * AWAY * reach:
             start = np.concatenate([[LOAD, *point] if part.is_load else [0.0] for part in parts])
             scale = np.concatenate([[LOAD, *[step] * m] if part.is_load else [SHARE_STEP] for part in parts])
-            fit = least_squares(lambda x: self.y - self.white @ self.by(parts, x).sum(axis=0), start, x_scale=scale)
-            if best is None or fit.cost < best.cost:
+            fit = least_squares(
+                lambda x: self.white @ self.by(parts, x).sum(axis=0) - self.y,
+                start,
+                lambda x: self.white @ self.slopes(parts, x),
+                x_scale=scale,
+                max_nfev=MOST_STEPS,
+            )
+            if best is None or fit.cost < MIRRORED * best.cost:
                 best = fit
         assert best is not None
         first = np.cumsum([0, *(part.numbers for part in parts)])
@@ -365,3 +392,12 @@ def _mass_at(x: Array) -> Array:
     """The ten parameters of a point mass x[0] [kg] at x[1:] [m]."""
     m, (a, b, c) = x[0], x[1:]
     return np.asarray(m * np.array([1.0, a, b, c, b * b + c * c, -a * b, a * a + c * c, -a * c, -b * c, a * a + b * b]))
+
+
+def _mass_slopes(x: Array) -> Array:
+    """How these answer x [10, 4]."""
+    m, (a, b, c) = x[0], x[1:]
+    x_slope = [0.0, 1.0, 0.0, 0.0, 0.0, -b, 2.0 * a, -c, 0.0, 2.0 * a]
+    y_slope = [0.0, 0.0, 1.0, 0.0, 2.0 * b, -a, 0.0, 0.0, -c, 2.0 * b]
+    z_slope = [0.0, 0.0, 0.0, 1.0, 2.0 * c, 0.0, 2.0 * c, -a, -b, 0.0]
+    return np.stack([_mass_at(np.array([1.0, a, b, c])), *(m * np.array([x_slope, y_slope, z_slope]))], axis=1)

@@ -101,6 +101,19 @@ def test_what_is_out_of_reach_explains_nothing() -> None:
     assert not changed(mass=0.5).out_of_reach((Part(4, 2),))
 
 
+@pytest.mark.parametrize(
+    "parts",
+    [(Part(1, 0), Part(4, 2)), (Part(2, 2), Part(1, None)), (Part(4, 2), Part(1, None))],
+    ids=["a body and a load", "a load on the ray and gravity", "a load and gravity"],
+)
+def test_slopes_are_those_of_the_change(parts: tuple[Part, ...]) -> None:
+    change, x = changed(), np.random.default_rng(5).normal(size=sum(part.numbers for part in parts))
+    steps = 1e-6 * np.eye(len(x))
+    there, back = (np.array([change.by(parts, x + sign * h).sum(axis=0) for h in steps]) for sign in (1.0, -1.0))
+    slopes = change.slopes(parts, x)
+    np.testing.assert_allclose(slopes, (there - back).T / 2e-6, atol=1e-8 * np.abs(slopes).max())
+
+
 def short_campaign(robot: Robot, *effects: Effect, seed: int = 3) -> Begun:
     """What a diagnosis begins with of a few short records."""
     short = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=3, fs=500.0))
