@@ -25,9 +25,10 @@ SOON, EVENLY = 8, 0.5
 #: Share by which inner products of a turn with itself are lifted where turns are mixed.
 RIDGE = 1e-4
 #: Share by which turns change that are near to settle and do not; Newton's steps to a motion, shares of a step that are tried, what
-#: is left when they end; what of a slope is felt, samples at which it is solved for directly; what gmres leaves of more, and takes.
+#: is left when they end; what of a slope is felt, samples at which it is solved for at once, and directly where gmres does not; what
+#: that leaves, and takes.
 NEARLY, CLOSER, SHARES, CLOSE = 0.1, 12, (1.0, 0.5, 0.25), 1e-6
-FELT, MOST_DENSE = 1e-3, 2500
+FELT, AT_ONCE, MOST_DENSE = 1e-3, 400, 2500
 LEFT, KRYLOV, RESTARTS = 1e-2, 60, 4
 #: Share of itself by which a turn changes what has settled; how far aside, as a share of it, and of its change, a tangent is told,
 #: and what gmres leaves of that along it; its steps for one of Newton's, and most of these.
@@ -209,7 +210,7 @@ def along_tangent(gives: Complex, slope: Array, left: Array) -> Array:
     """The step u [S] that takes `left` away: u + y = left, where y is what `gives` makes of the force slope u.
 
     What gives against the usual slope as well is solved for exactly, by harmonics; where the slope is another, at the samples alone if
-    they are few, else in Krylov's space.
+    they are few, else in Krylov's space, where that is small: what sticks at many samples takes one of their own size.
     """
     S = len(left)
     usual = float(np.median(slope))
@@ -221,9 +222,12 @@ def along_tangent(gives: Complex, slope: Array, left: Array) -> Array:
 
     yields = np.fft.irfft(eased * gives, S)
     felt = np.flatnonzero(np.abs(apart) * np.abs(yields).sum() > FELT)
-    if len(felt) > MOST_DENSE:
+    if len(felt) > AT_ONCE:
         whole = LinearOperator((S, S), matvec=lambda x: x + given(gives, apart * given(eased, x)))
-        return given(eased, gmres(whole, left, rtol=LEFT, restart=KRYLOV, maxiter=RESTARTS)[0])
+        dense = len(felt) <= MOST_DENSE
+        found, missed = gmres(whole, left, rtol=LEFT, restart=KRYLOV, maxiter=1 if dense else RESTARTS)
+        if not (missed and dense):
+            return given(eased, found)
     alone = given(eased, left)
     by_samples = yields[(felt[:, None] - felt) % S] * apart[felt] + np.eye(len(felt))
     force = np.zeros(S)

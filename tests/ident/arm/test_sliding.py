@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.arm.sliding import FELT, LEFT, MOST_DENSE, SOON, TURNS, Where, along_tangent, in_turns, settled
+from ident.arm.sliding import FELT, LEFT, SOON, TURNS, Where, along_tangent, in_turns, settled
 
 S, OWN, DAMPING = 4096, 90.3, 0.1
 RNG = np.random.default_rng(5)
@@ -18,17 +18,19 @@ GIVES = 1.0 / (1.0 - ORDER**2 + 2j * DAMPING * ORDER)  # place
 RATE = 1j * ORDER * GIVES
 
 
+STICKS = np.where(np.arange(S) % 2048 < 1000, 3e4, 0.0)  # in half of each of two swings
+PLAY = np.where(np.arange(S) % 16 < 3, 0.0, 2.7)
+
+
 @pytest.mark.parametrize(
     ("gives", "slope", "accuracy"),
     [
-        (RATE, np.full(S, 3e4), 1e-9),  # a joint that sticks
-        (
-            GIVES,
-            np.where(np.arange(S) % 16 < 3, 0.0, 2.7),
-            1e-9,
-        ),  # a spring with play: less than MOST_DENSE samples apart
-        (RATE, 1e5 + 300.0 * RNG.normal(size=S), LEFT),  # more
-        (GIVES, 3.0 + FELT * 1e-4 * RNG.normal(size=S), 1e-3),
+        pytest.param(RATE, np.full(S, 3e4), 1e-9, id="a joint that sticks"),
+        pytest.param(RATE, STICKS, 1e-9, id="a joint that sticks in parts: as many directions"),
+        pytest.param(GIVES, np.where(np.arange(S) < 48, PLAY, 2.7), 1e-9, id="a spring with play at a few samples"),
+        pytest.param(GIVES, PLAY, LEFT, id="at more"),
+        pytest.param(RATE, 1e5 + 300.0 * RNG.normal(size=S), LEFT, id="at all, and more than are solved for directly"),
+        pytest.param(GIVES, 3.0 + FELT * 1e-4 * RNG.normal(size=S), 1e-3, id="nothing felt"),
     ],
 )
 def test_the_step_takes_away_what_is_left(gives: np.ndarray, slope: np.ndarray, accuracy: float) -> None:
@@ -38,14 +40,14 @@ def test_the_step_takes_away_what_is_left(gives: np.ndarray, slope: np.ndarray, 
     assert np.linalg.norm(missed) < 1.01 * accuracy * np.linalg.norm(left)
 
 
-def test_more_samples_apart_than_are_solved_for_directly_agree_with_those_that_are(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    slope = np.where(np.arange(S) % 16 < 3, 0.2, 0.3)
+def test_a_slope_that_hardly_differs_takes_few_directions_however_many_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    slope = 0.3 + 0.1 * np.cos(np.arange(0.0, 4.0 * np.pi, 4.0 * np.pi / S))
     left = RNG.normal(size=S)
+    monkeypatch.setattr("ident.arm.sliding.MOST_DENSE", S)
+    soon = along_tangent(GIVES, slope, left)
+    monkeypatch.setattr("ident.arm.sliding.AT_ONCE", S)
     directly = along_tangent(GIVES, slope, left)
-    monkeypatch.setattr("ident.arm.sliding.MOST_DENSE", MOST_DENSE // 10)
-    assert np.linalg.norm(along_tangent(GIVES, slope, left) - directly) < 5.0 * LEFT * np.linalg.norm(directly)
+    assert 0.0 < np.linalg.norm(soon - directly) < 5.0 * LEFT * np.linalg.norm(directly)
 
 
 @pytest.mark.parametrize(
