@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ident.arm.arm_model import Extra, Parameters, stiffness
-from ident.arm.inverses import inverses
 from ident.arm.scene import Scene, known, linear_extra
+from ident.arm.small_matrices import inverses, products
 from ident.effects.base import Effect, Swing, has_forces
 from ident.effects.motion import Motion
 from ident.effects.structure import Giving
@@ -282,7 +282,7 @@ def _motion(
     A = np.concatenate([w[..., None] * row for w, row, _ in rows], axis=1)
     right = np.concatenate([w * value for w, _, value in rows], axis=1)[..., None]
     adjoint = np.swapaxes(A.conj(), 1, 2)
-    q = np.asarray((inverses(adjoint @ A) @ (adjoint @ right))[..., 0], dtype=complex)
+    q = products(inverses(products(adjoint, A)), products(adjoint, right))[..., 0]
     by_motor = by_motor - (pull @ q[..., None])[..., 0]
     by_links = (links @ q[..., None])[..., 0] - by_link
     spring = np.asarray((a * by_motor + b * (by_spring - K * q) + c * by_links) / total, dtype=complex)

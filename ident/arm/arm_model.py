@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import zeta
 
-from ident.arm.inverses import inverses
+from ident.arm.small_matrices import by_component, inverses, products
 from ident.records.campaign import Array
 from ident.records.frf import Complex
 
@@ -185,7 +185,7 @@ def _held(
         H = H + one
         if sloped:
             derivatives = derivatives + (more.reshape(len(s), m, -1, m) @ risen[:, None]).reshape(derivatives.shape)
-    return theta + H @ risen, derivatives
+    return theta + products(H, risen), derivatives
 
 
 @lru_cache(maxsize=512)
@@ -279,7 +279,7 @@ def stiffness(
     K, J_m, D, D_spring = (values[live] for values in (p.K, p.J_m, p.D, p.D_spring))
     i, sc = np.arange(m), s[:, None]
     spring = K + sc * D_spring
-    Z_ll = sc[..., None] ** 2 * arm.J(p) + arm.K_rows @ p.gravity
+    Z_ll = by_component(arm.J(p)[..., None] * s**2 + (arm.K_rows @ p.gravity)[..., None])
     Z_ll[:, i, i] += spring
     Z_mm, Z_ml = np.zeros_like(Z_ll), np.zeros_like(Z_ll)
     Z_mm[:, i, i] = sc**2 * N**2 * J_m + sc * N**2 * D + spring
@@ -298,10 +298,11 @@ def transfer(arm: Posture, p: Parameters, s: Complex, extra: Extra = NOTHING) ->
     """Returns the measured angles [S, m, m, rad] per force on the motors and on the links, joint side, at s [S]."""
     Z_mm, Z_ml, Z_lm, Z_ll = stiffness(arm, p, s, extra.impedance)
     yielding = inverses(Z_ll)
-    core = arm.N[:, None] * inverses(Z_mm - Z_ml @ yielding @ Z_lm)
+    felt = products(Z_ml, yielding)
+    core = arm.N[:, None] * inverses(Z_mm - products(felt, Z_lm))
     if extra.angle_gain is not None:
         core = core * extra.angle_gain[..., None]
-    return core, -core @ Z_ml @ yielding
+    return core, -products(core, felt)
 
 
 def by_impedance(arm: Posture, p: Parameters, s: Complex, extra: Extra, theta: Complex, changes: Complex) -> Complex:
@@ -331,42 +332,40 @@ def _continuous(
     yielding = inverses(Z_ll)
     if extra.impedance is None:  # springs alone are between motors and links: Z_ml is diagonal
         spring = np.diagonal(Z_ml, axis1=1, axis2=2)
+        pulled = spring[:, :, None] * yielding  # motors by forces on links, if they are held
         carried = -yielding * spring[:, None, :]  # q per theta / N
         felt = Z_mm + spring[:, :, None] * carried
     else:
-        carried = -yielding @ Z_lm
-        felt = Z_mm + Z_ml @ carried
+        pulled, carried = products(Z_ml, yielding), -products(yielding, Z_lm)
+        felt = Z_mm + products(Z_ml, carried)
     core = N[:, None] * inverses(felt)  # angle of the motors per force on the motors, joint side
     on_motor = N[:, None] * tau
     if extra.on_motor is not None:
         on_motor = on_motor + extra.on_motor[..., None]
-    theta = core @ on_motor
+    theta = products(core, on_motor)
     if extra.on_link is None and not derive:
         return theta, np.zeros((len(s), m, 0), dtype=complex)
-    across = -core @ Z_ml @ yielding  # angle of the motors per force on the links
+    across = -products(core, pulled)  # angle of the motors per force on the links
     if extra.on_link is not None:
-        theta = theta + across @ extra.on_link[..., None]
+        theta = theta + products(across, extra.on_link[..., None])
     if not derive:
         return theta, np.zeros((len(s), m, 0), dtype=complex)
     x = theta / N[:, None]
-    q = carried @ x
+    q = products(carried, x)
     if extra.on_link is not None:
-        q = q + yielding @ extra.on_link[..., None]
-    J_rows, K_rows = (np.moveaxis(rows, 1, 0).reshape(m, -1) for rows in (arm.J_rows, arm.K_rows))
-    forces = np.concatenate(
+        q = q + products(yielding, extra.on_link[..., None])
+    by_place = (across[:, None, :, :, None] * np.swapaxes(q, 1, 2)[:, :, None, None, :]).reshape(-1, m * m)
+    by_link = [
+        (by_place @ rows.reshape(m * m, -1)).reshape(len(s), q.shape[2], m, -1) for rows in (arm.J_rows, arm.K_rows)
+    ]  # S, c, m, D and r
+    stretch, x_ = np.swapaxes(x - q, 1, 2)[:, :, None, :], np.swapaxes(x, 1, 2)[:, :, None, :]
+    between = (core - across)[:, None] * stretch
+    motor, sc4 = core[:, None] * x_, s[:, None, None, None]
+    derivatives = -np.concatenate(
         [
-            (np.swapaxes(q, 1, 2) @ rows).reshape(len(s), q.shape[2], m, -1) * factor[:, None, None, None]
-            for rows, factor in ((J_rows, s**2), (K_rows, np.ones_like(s)))
+            between * K, motor * (sc4**2 * (N**2 * J_m)), motor * (sc4 * (N**2 * D)), between * (sc4 * D_spring),
+            by_link[0] * sc4**2, by_link[1],
         ],
         axis=3,
-    )  # S, c, m, D + r
-    by_link = across[:, None] @ forces  # S, c, m, D + r
-    stretch, x_ = np.swapaxes(x - q, 1, 2)[:, :, None, :], np.swapaxes(x, 1, 2)[:, :, None, :]
-    between = (core - across)[:, None]
-    motor, sc4 = core[:, None], s[:, None, None, None]
-    by_drive = [
-        between * stretch * K, motor * x_ * (sc4**2 * N**2 * J_m),
-        motor * x_ * (sc4 * N**2 * D), between * stretch * (sc4 * D_spring),
-    ]  # fmt: skip
-    derivatives = -np.concatenate([*by_drive, by_link], axis=3)
+    )  # fmt: skip
     return theta, derivatives[:, 0] if tau.shape[2] == 1 else np.moveaxis(derivatives, 1, 3)

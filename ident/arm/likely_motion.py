@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ident.arm.acting import carried_by, mean_torques, motion_of
 from ident.arm.arm_model import Parameters, Sampling, hold_gain, response, stiffness, transfer
-from ident.arm.inverses import inverses
 from ident.arm.scene import Scene, known, linear_extra
+from ident.arm.small_matrices import inverses, products, times
 from ident.arm.whitening import Powers
 from ident.effects.base import Effect
 from ident.effects.motion import Motion
@@ -94,8 +94,8 @@ class LikelyMotion:
         tau, mean_tau = wide.acting_torque(linear.torque_gain), mean_torques(wide, p, effects)
         rigid[inside] = 0.0 if second is None else second
         return LikelyMotion(
-            wide, p, on_motor, on_link, -yielding @ Z_lm, yielding, _times(G, wide.tau), tau, mean_tau,
-            linear.angle_gain, rigid, inside, certainty, of_model @ certainty, tuple(effects),
+            wide, p, on_motor, on_link, -products(yielding, Z_lm), yielding, times(G, wide.tau), tau, mean_tau,
+            linear.angle_gain, rigid, inside, certainty, products(of_model, certainty), tuple(effects),
         )  # fmt: skip
 
     def predicted(self, on: Forces) -> tuple[Complex, Complex, Complex]:
@@ -108,7 +108,7 @@ class LikelyMotion:
                 continue
             motor[:, k] += {"motor": F, "spring": -F, "link": np.zeros_like(F)}[port]
             link[:, k] += {"motor": np.zeros_like(F), "spring": F, "link": F}[port]
-        return self.alone + _times(self.on_motor, motor) + _times(self.on_link, link) + reading, link, reading
+        return self.alone + times(self.on_motor, motor) + times(self.on_link, link) + reading, link, reading
 
     def misfit(self, on: Forces) -> float:
         """chi^2 of the measured angles in the band, under forces `on`."""
@@ -128,7 +128,7 @@ class LikelyMotion:
         by beyond those before."""
         rigid = np.zeros_like(self.second)
         rigid[self.inside] = second
-        return replace(self, second=rigid), self.felt(_times(self.on_link, rigid - self.second))
+        return replace(self, second=rigid), self.felt(times(self.on_link, rigid - self.second))
 
     @property
     def degrees(self) -> int:
@@ -182,9 +182,9 @@ class LikelyMotion:
     def likely(self, on: Forces) -> tuple[Complex, Complex]:
         """The likeliest angles of motors and links [L, m] under forces."""
         predicted, link, reading = self.predicted(on)
-        theta = predicted + _times(self.trust, self.scene.theta - predicted) - reading
+        theta = predicted + times(self.trust, self.scene.theta - predicted) - reading
         theta = theta if self.gain is None else theta / self.gain
-        return theta, _times(self.carried, theta / self.scene.arm.N) + _times(self.yielding, link)
+        return theta, times(self.carried, theta / self.scene.arm.N) + times(self.yielding, link)
 
     def loads(self, on: Forces) -> Array:
         """The mean torques [n] of all springs under forces."""
@@ -202,8 +202,3 @@ class LikelyMotion:
             besides[live[k]] += force.mean if port == "spring" else 0.0
         scene = scene.misread({k: force.mean for (port, k), force in on.items() if port == "reading"})
         return motion_of(scene, p, theta, (self.mean_tau, self.tau), q, spring, self.loads(on), besides)
-
-
-def _times(matrix: Complex, vector: Complex) -> Complex:
-    """Matrices [L, m, m] times vectors [L, m]."""
-    return np.asarray(np.einsum("lij,lj->li", matrix, vector))

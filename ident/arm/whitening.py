@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ident.arm.arm_model import NOTHING, Extra, Parameters, Posture, Sampling, response
-from ident.arm.inverses import inverses
+from ident.arm.small_matrices import by_component, inverses, products, times
 from ident.records.campaign import Array
 from ident.records.frf import Complex, moving_average
 
@@ -45,7 +45,7 @@ class Powers:
 
     def of_model(self) -> Complex:
         """The covariance [L, m, m] of what torque noise makes of the angles."""
-        return np.asarray(np.einsum("lij,j,lkj->lik", self.G, self.torque, self.G.conj()))
+        return products(self.G * self.torque, np.swapaxes(self.G.conj(), 1, 2))
 
 
 def noise_powers(
@@ -59,7 +59,7 @@ def noise_powers(
     """
     m, L = len(arm.live), len(sampling.f)
     G = response(arm, p, sampling, extra)
-    error = noise.samples[:, :, m:] - np.einsum("lij,rlj->rli", G, noise.samples[:, :, :m])
+    error = noise.samples[:, :, m:] - times(G, noise.samples[:, :, :m])
     power = np.mean(np.abs(error) ** 2, axis=0)
     largest = (np.abs(theta) / np.abs(arm.N)).max(axis=1)[:, None]
     least = np.maximum(noise.floor, (MODEL_ACCURACY * largest * arm.N) ** 2)
@@ -91,16 +91,17 @@ def _likeliest(G: Complex, error: Complex, torque: Array, angle: Array, least: A
     # joints whose noise differs by far are inverted as if they were alike
     unit = 1.0 / np.sqrt((np.abs(G) ** 2) @ torque + angle + least)
     G, error, least, own = G * unit[..., None], error * unit, least * unit**2, unit**2
-    power = G[:, :, None, :] * G.conj()[:, None, :, :]  # of the angles' covariance, by each torque's
+    columns = np.moveaxis(G, 0, 1)  # m, L, m
+    power = columns[:, None] * columns.conj()  # of the angles' covariance, by each torque's: m, m, L, m
     by_torque = np.stack([power.real, power.imag], axis=3).reshape(-1, m)
-    samples = np.moveaxis(error, 0, 2)
-    found = samples @ np.swapaxes(samples.conj(), 1, 2) / len(error)
+    found = by_component(np.einsum("rli,rlk->ikl", error, error.conj()) / len(error))
     for _ in range(STEPS):
-        covariance = (by_torque @ torque).view(complex).reshape(L, m, m)
+        covariance = by_component((by_torque @ torque).view(complex).reshape(m, m, L))
         covariance[:, i, i] += angle * own + least
         expected = inverses(covariance)
-        seen = expected @ found @ expected
-        torque = torque * _root_of_ratio(*(by_torque.T @ x.view(float).ravel() for x in (seen, expected)))
+        seen = products(products(expected, found), expected)
+        of_torque = (by_torque.T @ np.moveaxis(x, 0, 2).copy().view(float).ravel() for x in (seen, expected))
+        torque = torque * _root_of_ratio(*of_torque)
         angle = angle * _root_of_ratio(*((x[:, i, i].real * own).sum(axis=0) for x in (seen, expected)))
     return torque, angle
 
