@@ -277,13 +277,13 @@ def stiffness(
     """Returns the blocks [S, m, m] of the dynamic stiffness: motors, motors by links, links by motors, links."""
     live, N, m = arm.live, arm.N, len(arm.live)
     K, J_m, D, D_spring = (values[live] for values in (p.K, p.J_m, p.D, p.D_spring))
-    i, sc = np.arange(m), s[:, None]
-    spring = K + sc * D_spring
     Z_ll = by_component(arm.J(p)[..., None] * s**2 + (arm.K_rows @ p.gravity)[..., None])
-    Z_ll[:, i, i] += spring
     Z_mm, Z_ml = np.zeros_like(Z_ll), np.zeros_like(Z_ll)
-    Z_mm[:, i, i] = sc**2 * N**2 * J_m + sc * N**2 * D + spring
-    Z_ml[:, i, i] = -spring
+    for i in range(m):
+        spring = K[i] + s * D_spring[i]
+        Z_ll[:, i, i] += spring
+        Z_mm[:, i, i] = s**2 * (N[i] ** 2 * J_m[i]) + s * (N[i] ** 2 * D[i]) + spring
+        Z_ml[:, i, i] = -spring
     if impedance is None:
         return Z_mm, Z_ml, Z_ml, Z_ll
     return (
