@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.arm.acting import signals
 from ident.arm.arm_model import DRIVES
+from ident.arm.small_matrices import times
 from ident.effects.base import Effect, Parameter, only_impedance, scale
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import CREEP
@@ -114,13 +115,14 @@ def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
         Z = np.zeros((len(s), 2 * m, 2 * m), dtype=complex)
         Z[:, m:, m:] = s[:, None, None] ** 2 * dJ + dK
     if Z is not None:
-        force = -(Z @ here.positions[side_of(kind.port)][..., None])
-        moved_by = here.pushes["motor"] @ (force[:, :m] / scene.arm.N[:, None]) + here.pushes["link"] @ force[:, m:]
-        total = total + moved_by[..., 0]
+        force = -times(Z, here.positions[side_of(kind.port)])
+        total = (
+            total + times(here.pushes["motor"], force[:, :m] / scene.arm.N) + times(here.pushes["link"], force[:, m:])
+        )
     if kind.torque_gain is not Effect.torque_gain and (gain := effect.torque_gain(s, arm)) is not None:
-        total = total + (here.pushes["motor"] @ ((gain[:, live] - 1.0) * here.torque)[..., None])[..., 0]
+        total = total + times(here.pushes["motor"], (gain[:, live] - 1.0) * here.torque)
     if kind.angle_gain is not Effect.angle_gain and (gain := effect.angle_gain(s, arm)) is not None:
-        total = total + (here.pushes["sensor"] @ ((gain[:, live] - 1.0) * here.theta)[..., None])[..., 0]
+        total = total + times(here.pushes["sensor"], (gain[:, live] - 1.0) * here.theta)
     return total
 
 

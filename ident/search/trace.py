@@ -18,6 +18,7 @@ from ident.arm.acting import moved
 from ident.arm.arm_fit import Held, Problem, residual, whitened_by
 from ident.arm.arm_model import Parameters, transfer
 from ident.arm.scene import Scene, in_record, known, linear_extra
+from ident.arm.small_matrices import by_component
 from ident.effects.base import Known
 from ident.effects.motion import Motion
 from ident.records.campaign import Array
@@ -168,7 +169,7 @@ class Linearised:
         """Each record at the lines judged."""
 
         def at(k: int, use: NDArray[np.bool_]) -> Judged:
-            pushes = {port: matrix[use] for port, matrix in self.pushes[k].items()}
+            pushes = {port: by_component(np.moveaxis(matrix[use], 0, 2)) for port, matrix in self.pushes[k].items()}
             positions = {port: found[k][use] for port, found in self.positions.items()}
             return Judged(
                 self.scenes[k].s[use], pushes, positions, self.scenes[k].theta[use], self.acting_torque(k)[use]
