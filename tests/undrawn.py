@@ -16,4 +16,6 @@ def undrawn() -> Iterator[None]:
         patch.setattr("ident.reports.figures.distortion_figure", lambda *_: None)
         patch.setattr("ident.reports.figures.summary_figure", lambda *_: "")
         patch.setattr("ident.reports.figures.sweep_figures", lambda *_: ())
+        for name in ("before_after", "law", "curve", "gains", "response", "record", "resonance"):
+            patch.setattr(f"ident.loop.diagnosis_figures.{name}_figure", lambda *_: "")
         yield
