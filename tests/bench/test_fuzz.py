@@ -32,8 +32,8 @@ SOURCES = {
     "panda": VENDORS / "panda_description/urdf/panda.urdf",
 }
 
-#: 30 mutants of the two small arms, each accident once on each; a Panda's plan alone takes seconds.
-QUICK = [seed for seed in range(60) if seed % 4 < 2]
+#: 16 mutants of the two small arms by turns, each accident once; a Panda's plan alone takes seconds.
+QUICK = [4 * accident + accident % 2 for accident in range(16)]
 
 SECONDS = 5  # of processor time, for one run of the command
 MEGABYTES = 400  # by which the peak of the process may rise over all runs
@@ -347,13 +347,13 @@ def _print(runs: list[Run], risen: float) -> None:
     print(f"{sum(one.seconds for one in runs):.0f} s in all; peak memory rose by {risen:.0f} MB")
 
 
-def test_30_broken_urdfs_end_in_a_confirmed_result_or_in_one_line(
+def test_16_broken_urdfs_end_in_a_confirmed_result_or_in_one_line(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     runs = all_runs(QUICK, tmp_path, capfd)
     assert {one.accident for one in runs} == {accident.__name__ for accident in ACCIDENTS}
     count = Counter(one.outcome for one in runs)
-    assert min(count["result"], count["refused"]) >= 8, "both happen, so that neither half of the test is idle"
+    assert min(count["result"], count["refused"]) >= 4, "both happen, so that neither half of the test is idle"
 
 
 @pytest.mark.bench

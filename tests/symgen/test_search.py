@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from arms import arm, factoring_of
@@ -37,29 +39,35 @@ class Arm:
         return self.merit(self.rows.of_cells(cells))
 
 
+@cache
+def ur5_at(mask: Mask | None) -> Arm:
+    """The same for all tests, none of which changes it."""
+    return Arm(mask)
+
+
 def test_a_longer_search_is_not_worse() -> None:
-    ur5 = Arm()
+    ur5 = ur5_at(None)
     searches = Search(1, 0, 0, 1, 0), Search(6, 1, 10, 1, 0), Search(24, 6, 40, 2, 8)
     found = [ur5.worth(ur5.planned(search)) for search in searches]
     assert ur5.worth(ur5.first) < found[0] < found[1] < found[2]
 
 
 def test_all_cells_are_feasible_where_not_all_postures_are() -> None:
-    ur5 = Arm(beside_a_wall)
+    ur5 = ur5_at(beside_a_wall)
     assert ur5.holding.keeps(ur5.start).all() and ur5.holding.keeps(ur5.best.cells).all()
     short, long = ur5.planned(Search(6, 2, 0, 1, 0)), ur5.planned(Search(6, 2, 40, 1, 8))
     for cells in (short, long):
         passed, placed = ur5.holding.placed(cells)
         assert passed.all() and beside_a_wall(placed.q).all()
     assert ur5.worth(long) > ur5.worth(short) + 0.1, "refined up to the walls"
-    free = Arm()
+    free = ur5_at(None)
     assert free.best.log_det > ur5.best.log_det
     assert free.worth(free.planned(Search(6, 2, 40, 1, 8))) > ur5.worth(long), "walls cost something"
 
 
 @pytest.mark.parametrize(("mask", "gain"), [(None, 0.003), (beside_a_wall, 0.05)])
 def test_sweeps_better_what_refinement_no_longer_does(mask: Mask | None, gain: float) -> None:
-    ur5 = Arm(mask)
+    ur5 = ur5_at(mask)
     cells = refined(ur5.rows, ur5.merit, ur5.planned(Search(2, 1, 0, 1, 0)), ur5.holding, 300)
     spent = refined(ur5.rows, ur5.merit, cells, ur5.holding, 300)
     found = swept(ur5.rows, ur5.merit, cells, ur5.holding, 8)
@@ -74,7 +82,7 @@ def test_sweeps_better_what_refinement_no_longer_does(mask: Mask | None, gain: f
 @pytest.mark.parametrize("mask", [pytest.param(None, marks=pytest.mark.bench), beside_a_wall])
 def test_kicks_better_what_sweeps_no_longer_do(mask: Mask | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Until that is enough; all cells stay feasible, and the same are found again."""
-    ur5 = Arm(mask)
+    ur5 = ur5_at(mask)
     plan = swept(ur5.rows, ur5.merit, ur5.planned(Search(6, 1, 30, 1, 0)), ur5.holding, 8)
 
     def efficiency(cells: Cells) -> float:
