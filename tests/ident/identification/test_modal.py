@@ -154,7 +154,7 @@ def test_too_few_lines_are_an_error() -> None:
 def test_held_motors_that_move_are_taken_out() -> None:
     """MuJoCo's flexible arm under disturbance observers: held motors move a third as much as the excited one."""
     robot = load_robot(ROBOT)
-    quick = replace(robot, experiment=replace(robot.experiment, f0=0.2, periods=4))
+    quick = replace(robot, experiment=replace(robot.experiment, f0=0.4, periods=4))
     data = simulate(chain_of_robot(robot), quick, [("joint3", (0.0, 0.0, 0.0)), ("joint2", (0.0, 0.0, 0.0))], workers=1)
     for one, true, limit in zip(data.records, (0.0466, 0.6929), (0.03, 0.005), strict=True):
         frf = estimate(one, data)

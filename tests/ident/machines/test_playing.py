@@ -30,7 +30,7 @@ CONSTANTS = {"joint1": 0.08}
 @pytest.fixture(scope="module")
 def robot() -> Robot:
     robot = load_robot(ROBOT)
-    return replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=4))
+    return replace(robot, experiment=replace(robot.experiment, f0=2.0, periods=4))
 
 
 @pytest.fixture(scope="module")

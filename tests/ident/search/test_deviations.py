@@ -114,9 +114,9 @@ def test_slopes_are_those_of_the_change(parts: tuple[Part, ...]) -> None:
     np.testing.assert_allclose(slopes, (there - back).T / 2e-6, atol=1e-8 * np.abs(slopes).max())
 
 
-def short_campaign(robot: Robot, *effects: Effect, seed: int = 3) -> Begun:
+def short_campaign(robot: Robot, *effects: Effect, f0: float = 2.0, seed: int = 3) -> Begun:
     """What a diagnosis begins with of a few short records."""
-    short = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=3, fs=500.0))
+    short = replace(robot, experiment=replace(robot.experiment, f0=f0, periods=3, fs=500.0))
     chain = chain_of_robot(short)
     cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(short).cells if not cell.spare]
     campaign = simulate(chain, short, cells, effects=effects, workers=1, seed=seed)
@@ -154,7 +154,8 @@ def undamped(*joints: str) -> Robot:
 
 
 def test_a_damping_where_none_is_declared_is_told_and_what_it_costs_to_keep_none() -> None:
-    begun = short_campaign(undamped("joint2"), parse("spring-damping:damping=1.1@joint2", ROBOT.drives), seed=4)
+    damped = parse("spring-damping:damping=1.1@joint2", ROBOT.drives)
+    begun = short_campaign(undamped("joint2"), damped, f0=1.0, seed=4)
     (off,) = contradicted(begun.bench, begun.start)
     ((_, value, std, _),) = off.deviation.values
     assert (off.deviation.name, off.deviation.joint) == ("spring-damping", 1)

@@ -41,7 +41,7 @@ def bench() -> Bench:
     """Of one record of a motor that gives a tenth less than it says."""
     robot = load_robot(ROOT / "robots/ypp3")
     chain = chain_of_robot(robot)
-    short = replace(robot, experiment=replace(robot.experiment, f0=1.0, band=(1.0, 100.0), periods=3))
+    short = replace(robot, experiment=replace(robot.experiment, f0=2.0, band=(2.0, 100.0), periods=3, fs=500.0))
     c = simulate(chain, short, CELLS[1:2], effects=[SCALED], workers=1)
     model, frf = make_model(chain, believe_zeros=True), estimate(c.records[0], c)
     basis = gravity_basis(model, c.gravity)
