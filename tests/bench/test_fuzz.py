@@ -32,7 +32,7 @@ SOURCES = {
     "panda": VENDORS / "panda_description/urdf/panda.urdf",
 }
 
-#: 16 mutants of the two small arms by turns, each accident once; a Panda's plan alone takes seconds.
+#: 16 mutants of the two small arms by turns, each accident at least once; a Panda's plan alone takes seconds.
 QUICK = [4 * accident + accident % 2 for accident in range(16)]
 
 SECONDS = 5  # of processor time, for one run of the command

@@ -234,7 +234,7 @@ def test_the_last_joint_of_arm7_is_outside_its_band_and_that_of_arm6_near_the_ed
 @ours
 def test_the_lock_is_stable_where_the_plan_goes_and_the_motors_bear_it(name: str) -> None:
     chain, one = arm(name), robot(name)
-    plan = make_plan(chain, rotor=reflected_inertia(chain, one.drives), spare=0)
+    plan = make_plan(chain, rotor=reflected_inertia(chain, one.drives), spare=0, effort="draft")
     limits = np.array([drive.tau_max for drive in one.drives])
     first = {cell.joint: cell for cell in plan.cells}
     for cell in first.values():

@@ -134,7 +134,11 @@ def test_spare_cells_see_what_the_triangular_plan_can_not() -> None:
 
 @pytest.mark.parametrize(
     ("name", "grid", "angle"),
-    [("ypp3_general", "15deg", 15), ("arm6", "30deg", 30), ("ypp3", "0.5rad", 28.64788975654116)],
+    [
+        ("ypp3_general", "15deg", 15),
+        pytest.param("arm6", "30deg", 30, marks=pytest.mark.bench),
+        ("ypp3", "0.5rad", 28.64788975654116),
+    ],
 )
 def test_all_joints_are_on_multiples_within_limits_and_nothing_stays_open(name: str, grid: str, angle: float) -> None:
     factoring = factor(own(name))

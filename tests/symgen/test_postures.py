@@ -114,7 +114,7 @@ def test_the_same_arm_gives_the_same_plan_by_any_number_of_processes(
         assert one.d_efficiency == two.d_efficiency
 
 
-SMALL = (("paper", "quick"), ("scara4", "quick"), ("ypp3_general", "full"), ("4R 0", "quick"), ("ur5", "draft"))
+SMALL = (("paper", "quick"), ("ypp3_general", "full"), ("4R 0", "quick"))
 
 
 @pytest.mark.parametrize(

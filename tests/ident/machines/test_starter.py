@@ -125,11 +125,11 @@ def test_nothing_of_a_person_is_overwritten(tmp_path: Path, capsys: pytest.Captu
 
 @pytest.fixture(scope="module", autouse=True)
 def planned_once() -> Iterator[None]:
-    """Robots that differ in nothing are planned once."""
+    """Robots that differ in nothing but their experiment, of which a plan knows nothing, are planned once."""
     with once(
         "ident.machines.doctor.plan_of_robot",
         plan_of_robot,
-        lambda robot: repr((robot.urdf.read_bytes(), replace(robot, urdf=Path()))),
+        lambda robot: repr((robot.urdf.read_bytes(), replace(robot, urdf=Path(), path=Path(), experiment=None))),
     ):
         yield
 

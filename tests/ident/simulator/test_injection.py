@@ -144,12 +144,15 @@ def test_the_fit_side_explains_the_simulated_side(text: str, joint: int, lock: s
 @pytest.mark.parametrize(
     "text",
     [
-        "torque-lag:time=0.00035@joint1", "torque-lag:time=0.0005@joint3", "input-delay:time=0.00034@joint3",
-        "input-delay:time=0.0016@joint1", "time-offset:time=-0.00035@joint1", "time-offset:time=0.0007@joint3",
-        "encoder-eccentricity:amplitude=0.03,order=1,phase=1@joint1", "encoder-eccentricity:amplitude=0.02,order=2@joint3",
+        *("torque-lag:time=0.0005@joint3", "input-delay:time=0.0016@joint1", "time-offset:time=-0.00035@joint1"),
+        *("time-offset:time=0.0007@joint3", "encoder-eccentricity:amplitude=0.02,order=2@joint3"),
         "link-flexibility:stiffness=9000,share=0.6@joint2",
+        # the same effects at another joint, in other units of a sample
+        pytest.param("torque-lag:time=0.00035@joint1", marks=pytest.mark.bench),
+        pytest.param("input-delay:time=0.00034@joint3", marks=pytest.mark.bench),
+        pytest.param("encoder-eccentricity:amplitude=0.03,order=1,phase=1@joint1", marks=pytest.mark.bench),
     ],
-)  # fmt: skip
+)
 def test_the_fit_is_exact_where_torque_and_angle_arrive_otherwise_or_a_link_bends(text: str) -> None:
     """Switches within samples, aliases of held torques, what is misread on the mean, the weight of what bends: J(q) pays for all."""
     effect = parse(text, QUIET.drives)
@@ -267,7 +270,10 @@ def test_a_fit_follows_things_that_give_together(texts: list[str], joint: int, l
             assert np.linalg.norm(slopes[:, :, k] - expected) < 0.01 * np.linalg.norm(expected), column
 
 
-@pytest.mark.parametrize(("texts", "joint", "lock"), PAIRS)
+@pytest.mark.parametrize(
+    ("texts", "joint", "lock"),
+    [PAIRS[0], PAIRS[3], *(pytest.param(*pair, marks=pytest.mark.bench) for pair in PAIRS[1:3])],
+)
 def test_things_that_give_push_each_other(
     texts: list[str], joint: int, lock: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
