@@ -47,7 +47,7 @@ from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=3, fs=500.0))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
 CELLS = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells] * 2
 LINK_VISCOUS = LinkViscous(1, (0.1,))
 FAINT = "input-delay:time=3e-6@joint2"

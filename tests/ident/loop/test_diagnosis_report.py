@@ -24,14 +24,13 @@ from ident.loop.held_out import felt
 from ident.search.contradicted import Off
 from ident.search.deviations import Deviation
 
+HOSTILE = "<script>alert(1)</script> {{ 7 }} & co"
+
 
 def words(d, verdict):
     """The page without what is drawn."""
     with undrawn():
         return html(d, verdict)
-
-
-HOSTILE = "<script>alert(1)</script> {{ 7 }} & co"
 
 
 def test_the_page_opens_with_what_was_found_and_holds_before_and_after(file):

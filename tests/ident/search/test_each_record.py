@@ -77,7 +77,7 @@ def test_a_change_may_be_a_curve_of_place_unless_a_posture_was_measured_on_both_
 @pytest.mark.bench  # 15 s
 def test_a_stiffness_for_each_record_takes_the_place_of_a_change_that_leaves_much() -> None:
     robot = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-    robot = replace(robot, experiment=replace(robot.experiment, f0=2.0, periods=3, fs=500.0))
+    robot = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=3, fs=500.0))
     chain = chain_of_robot(robot)
     cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(robot).cells]
     true = by_record(range(len(cells)))(0, tuple((0.1 * np.sin(2.1 * np.arange(1, len(cells)))).tolist()))
