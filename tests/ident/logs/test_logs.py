@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,12 @@ def values(d: LogDiagnosis, name: str) -> np.ndarray:
         if term.name == name:
             return term.told(x)
     raise AssertionError(f"{name} is not among {found(d)}")
+
+
+@cache
+def of_friction() -> LogDiagnosis:
+    """The diagnosis of a log with dry friction at joint 2."""
+    return diagnose_log(log(friction))
 
 
 QUICK = ("motor-coulomb", "torque-scale", "cable-stiffness", "input-delay")
@@ -102,7 +109,7 @@ def test_what_has_no_name_is_drawn_as_a_curve_of_what_it_follows() -> None:
 
 
 def test_what_tells_other_motion_worse_is_none_of_what_acts() -> None:
-    d = diagnose_log(log(friction))
+    d = of_friction()
     v = verdict_document(d, [Path(__file__)])
     assert d.status == "effect-found" and "lacks motor-coulomb" in sentence(v)
     before, after = v["error"]["after"], v["error"]["before"]
@@ -124,13 +131,12 @@ def test_a_motion_that_was_repeated_does_not_report_on_itself() -> None:
 
 
 def test_a_verdict_says_what_was_found_and_what_no_log_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file, asked, d = tmp_path / "log.h5", list[Log](), list[LogDiagnosis]()
+    file, asked = tmp_path / "log.h5", [log(friction)]
     write_log(log(friction), file)
 
     def kept(own: Log, *say: Callable[[str], None]) -> LogDiagnosis:
         asked.append(own)
-        d.extend([] if d else [diagnose_log(own, *say)])
-        return d[0]
+        return of_friction()
 
     monkeypatch.setattr("ident.logs.diagnose.diagnose_log", kept)
     assert main(["diagnose", str(file), "-o", str(tmp_path / "out")]) == 1
@@ -155,8 +161,8 @@ def test_a_verdict_says_what_was_found_and_what_no_log_tells(tmp_path: Path, mon
     ]  # fmt: skip
     (tmp_path / "out/report.html").unlink()
     assert main(["report", str(tmp_path / "out")]) == 0 and (tmp_path / "out/report.html").read_text() == page
-    first, again = ([(one.q.tobytes(), one.tau.tobytes()) for one in own.trajectories] for own in asked)
-    assert first == again
+    made, first, again = ([(one.q.tobytes(), one.tau.tobytes()) for one in own.trajectories] for own in asked)
+    assert made == first == again
 
 
 @pytest.mark.parametrize(
