@@ -19,7 +19,7 @@ import numpy as np
 
 from ident.arm.arm_model import Extra, Parameters, stiffness
 from ident.arm.scene import Scene, known, linear_extra
-from ident.arm.small_matrices import inverses, products
+from ident.arm.small_matrices import inverses, products, times
 from ident.effects.base import Effect, Swing, has_forces
 from ident.effects.motion import Motion
 from ident.effects.structure import Giving
@@ -262,8 +262,8 @@ def _motion(
     by_link, pull = on["link"], np.zeros_like(hung)
     if linear.impedance is not None:
         to_motors, to_links, pull = linear.impedance[:, :m], linear.impedance[:, m:], linear.impedance[:, :m, m:]
-        by_motor = by_motor - (to_motors[:, :, :m] @ x[..., None])[..., 0]
-        by_link = by_link - (to_links[:, :, :m] @ x[..., None])[..., 0]
+        by_motor = by_motor - times(to_motors[:, :, :m], x)
+        by_link = by_link - times(to_links[:, :, :m], x)
 
     tau_error, theta_error = scene.noise
     torque, gear = np.abs(by_motor), np.abs(N)
@@ -283,8 +283,8 @@ def _motion(
     right = np.concatenate([w * value for w, _, value in rows], axis=1)[..., None]
     adjoint = np.swapaxes(A.conj(), 1, 2)
     q = products(inverses(products(adjoint, A)), products(adjoint, right))[..., 0]
-    by_motor = by_motor - (pull @ q[..., None])[..., 0]
-    by_links = (links @ q[..., None])[..., 0] - by_link
+    by_motor = by_motor - times(pull, q)
+    by_links = times(links, q) - by_link
     spring = np.asarray((a * by_motor + b * (by_spring - K * q) + c * by_links) / total, dtype=complex)
 
     carried = carried_by(scene, mean_tau, means)

@@ -20,6 +20,7 @@ from ident.arm.arm_model import DRIVES, Extra, Parameters, by_impedance, motion_
 from ident.arm.evidence import Evidence
 from ident.arm.scene import Scene, in_record, known, linear_extra
 from ident.arm.sliding import TURNS
+from ident.arm.small_matrices import times
 from ident.arm.smoothing import smoothed
 from ident.arm.whitening import Powers, noise_powers, whitening
 from ident.effects.base import Effect, Known, has_forces, only_forces, only_gains, only_impedance, only_shares
@@ -310,7 +311,7 @@ def _by_impedance(
 
 def whitened_by(W: Complex, r: Complex) -> Complex:
     """Returns angles r [L, m, rad] in units of their noise [L, m, 1], by whitening matrices W [L, m, m, 1/rad]."""
-    return (W @ r[..., None])[..., 0]
+    return times(W, r)
 
 
 def chi_squared(problem: Problem, vector: Array, held: Sequence[Held]) -> float:

@@ -100,7 +100,9 @@ def _likeliest(G: Complex, error: Complex, torque: Array, angle: Array, least: A
         covariance[:, i, i] += angle * own + least
         expected = inverses(covariance)
         seen = products(products(expected, found), expected)
-        of_torque = (by_torque.T @ np.moveaxis(x, 0, 2).copy().view(float).ravel() for x in (seen, expected))
+        of_torque = (
+            by_torque.T @ np.ascontiguousarray(np.moveaxis(x, 0, 2)).view(float).ravel() for x in (seen, expected)
+        )
         torque = torque * _root_of_ratio(*of_torque)
         angle = angle * _root_of_ratio(*((x[:, i, i].real * own).sum(axis=0) for x in (seen, expected)))
     return torque, angle

@@ -11,7 +11,8 @@ from scipy.linalg import null_space
 from scipy.special import chdtri
 
 from ident.arm.coupled import uncertainty
-from ident.search.deviations import ALONE, BESIDE, CHANCE, LEAST_CONSTANT
+from ident.search.bodies import CHANCE
+from ident.search.deviations import ALONE, BESIDE, LEAST_CONSTANT
 from ident.search.refits import State
 from symgen.plan import Model
 

@@ -116,9 +116,8 @@ def _linear(lin: Linearised, effect: Effect, at: int) -> Complex:
         Z[:, m:, m:] = s[:, None, None] ** 2 * dJ + dK
     if Z is not None:
         force = -times(Z, here.positions[side_of(kind.port)])
-        total = (
-            total + times(here.pushes["motor"], force[:, :m] / scene.arm.N) + times(here.pushes["link"], force[:, m:])
-        )
+        total = total + times(here.pushes["motor"], force[:, :m] / scene.arm.N)
+        total = total + times(here.pushes["link"], force[:, m:])
     if kind.torque_gain is not Effect.torque_gain and (gain := effect.torque_gain(s, arm)) is not None:
         total = total + times(here.pushes["motor"], (gain[:, live] - 1.0) * here.torque)
     if kind.angle_gain is not Effect.angle_gain and (gain := effect.angle_gain(s, arm)) is not None:

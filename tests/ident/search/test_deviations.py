@@ -19,9 +19,10 @@ from ident.effects.structure import LinkFlexibility
 from ident.identification.campaign_model import model_of_campaign
 from ident.loop.diagnose import Begun, begin
 from ident.records.frf import estimate
+from ident.search.bodies import Change, Part
 from ident.search.contradicted import Off, contradicted, is_shapeless, merged, standard_deviations
 from ident.search.departures import errors
-from ident.search.deviations import NAMES, Change, Deviation, Part, _bodies, deviations
+from ident.search.deviations import NAMES, Deviation, _bodies, deviations
 from ident.search.refits import State
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
