@@ -196,10 +196,10 @@ def residual(
         return r, slopes, columns[0]
     arms = [known(scene, p, (*effects[:place], *effects[place + 1 :])) for place in range(len(effects))]
     s, theta = scene.s[use], scene.theta[use] - r
-    on_motor, on_link = transfer(scene.arm, p, s, extra)
+    on_motor, on_link = pushed = transfer(scene.arm, p, s, extra)
     for effect, arm in zip(effects, arms, strict=True):
         if effect.impedance_of and effect.joint in scene.arm.live:
-            slopes -= _by_impedance(scene, p, effect, arm, theta, extra, use)
+            slopes -= _by_impedance(scene, p, effect, arm, theta, extra, use, pushed)
     k = problem.base
     for place, (effect, arm) in enumerate(zip(effects, arms, strict=True)):
         nudged = _nudged(problem, effect, k)
@@ -216,13 +216,13 @@ def residual(
             moves = _by_gains(scene, effect, changed, arm, s, turned, read)
         elif only_impedance(effect):
             Z = _impedances(scene, s, [(effect, arm), *((other, arm) for other in changed)])
-            moves = by_impedance(scene.arm, p, s, extra, theta, Z[1:] - Z[0])
+            moves = by_impedance(scene.arm, p, s, extra, theta, Z[1:] - Z[0], pushed)
         elif how is not None and only_forces(effect):
             by = [beyond.at(use) for beyond in differences(scene, effect, changed, how)]
             motor, link, reading = (np.stack([getattr(b, name) for b in by], axis=2) for name in FORCES)
             moves = on_motor @ motor + on_link @ link + reading
             if by[0].impedance is not None:
-                moves += by_impedance(scene.arm, p, s, extra, theta, np.array([b.impedance for b in by]))
+                moves += by_impedance(scene.arm, p, s, extra, theta, np.array([b.impedance for b in by]), pushed)
         else:
             others = [acted((*effects[:place], e, *effects[place + 1 :])) for e in changed]
             moves = np.stack([r - run(*other, False)[0] for other in others], axis=2)
@@ -284,10 +284,11 @@ def _impedances(scene: Scene, s: Complex, cases: Sequence[tuple[Effect, Known]])
 
 
 def _by_impedance(
-    scene: Scene, p: Parameters, effect: Effect, now: Known, theta: Complex, extra: Extra, use: NDArray[np.bool_]
-) -> Complex:
+    scene: Scene, p: Parameters, effect: Effect, now: Known, theta: Complex, extra: Extra, use: NDArray[np.bool_],
+    pushed: tuple[Complex, Complex],
+) -> Complex:  # fmt: skip
     """How the angles `theta` [L, m] at the lines in `use` follow the arm's parameters [C] through the impedance of `effect`, and of
-    what gives beside it, by what it is told of `now`; under `extra` at these lines [L, m, C]."""
+    what gives beside it, by what it is told of `now`; under `extra` at these lines, where forces have `pushed` the angles [L, m, C]."""
     arm, s, i = scene.arm, scene.s[use], effect.joint
     assert i is not None
     m, (here,) = len(arm.live), np.flatnonzero(arm.live == i)
@@ -306,7 +307,7 @@ def _by_impedance(
             changed.append(replace(now, J=J))
             weights[k, 4 * m : 4 * m + arm.J_rows.shape[2]] = arm.J_rows[here, k]
     Z = _impedances(scene, s, [(effect, one) for one in (now, *changed)])
-    return by_impedance(arm, p, s, extra, theta, (Z[1:] - Z[0]) / step) @ weights[: len(changed)]
+    return by_impedance(arm, p, s, extra, theta, (Z[1:] - Z[0]) / step, pushed) @ weights[: len(changed)]
 
 
 def whitened_by(W: Complex, r: Complex) -> Complex:

@@ -305,13 +305,16 @@ def transfer(arm: Posture, p: Parameters, s: Complex, extra: Extra = NOTHING) ->
     return core, -products(core, felt)
 
 
-def by_impedance(arm: Posture, p: Parameters, s: Complex, extra: Extra, theta: Complex, changes: Complex) -> Complex:
-    """Returns by how much `changes` [k, S, 2m, 2m] of the impedance change the angles `theta` [S, m] at s [S]: [S, m, k].
+def by_impedance(
+    arm: Posture, p: Parameters, s: Complex, extra: Extra, theta: Complex, changes: Complex, pushed: tuple[Complex, Complex]
+) -> Complex:  # fmt: skip
+    """Returns by how much `changes` [k, S, 2m, 2m] of the impedance change the angles `theta` [S, m] at s [S]: [S, m, k]; `pushed` is
+    what `transfer` has there.
 
     Aliases, where the arm hardly moves, are left out.
     """
     _, _, Z_lm, Z_ll = stiffness(arm, p, s, extra.impedance)
-    on_motor, on_link = transfer(arm, p, s, extra)
+    on_motor, on_link = pushed
     x = theta if extra.reading is None else theta - extra.reading
     x = (x if extra.angle_gain is None else x / extra.angle_gain) / arm.N
     by_link = -(Z_lm @ x[..., None]) if extra.on_link is None else extra.on_link[..., None] - Z_lm @ x[..., None]

@@ -14,7 +14,7 @@ from ident.arm.arm_model import Parameters, Sampling, hold_gain, response, stiff
 from ident.arm.scene import Scene, known, linear_extra
 from ident.arm.small_matrices import inverses, products, times
 from ident.arm.whitening import Powers
-from ident.effects.base import Effect
+from ident.effects.base import Effect, has_forces
 from ident.effects.motion import Motion
 from ident.records.campaign import Array
 from ident.records.frf import Complex
@@ -76,13 +76,15 @@ class LikelyMotion:
     def of(
         scene: Scene, p: Parameters, effects: Sequence[Effect], second: Complex | None, sampling: Sampling, powers: Powers
     ) -> LikelyMotion:  # fmt: skip
-        """The motion of a record, `second` its rigid-body forces of second order at the lines of the band [L, m]."""
-        wide, arm = scene.wide, scene.arm
+        """The motion of a record, `second` its rigid-body forces of second order at the lines of the band [L, m]; of these alone where no
+        effect forces it."""
+        wide, arm = scene.wide if any(map(has_forces, effects)) else scene.narrow, scene.arm
         linear = linear_extra(wide, p, effects)
         on_motor, on_link = transfer(arm, p, wide.s, linear)
         _, _, Z_lm, Z_ll = stiffness(arm, p, wide.s, linear.impedance)
         yielding = inverses(Z_ll)
-        G = response(arm, p, replace(sampling, f=wide.f0 * wide.lines), linear)
+        beyond = len(wide.lines) > len(powers.G)
+        G = response(arm, p, replace(sampling, f=wide.f0 * wide.lines), linear) if beyond else powers.G
         of_model = replace(powers, G=G).of_model()
         inside = np.isin(wide.lines, scene.lines)
         of_angles = np.tile(powers.angle.max(axis=0), (len(wide.lines), 1))  # nobody knows what rings beyond the band

@@ -127,6 +127,12 @@ def few_lines(one: Evidence, most: int) -> Evidence:
     return lines_of(one, few)
 
 
+def few_records(part: Sequence[Evidence], most: int) -> tuple[Evidence, ...]:
+    """About `most` of some records, of every joint's the same share: in a campaign joints may take turns."""
+    by_joint = sorted(part, key=lambda one: one.excited)
+    return tuple(sorted(by_joint[:: max(1, round(len(part) / most))], key=lambda one: one.index))
+
+
 def sampled(one: Evidence, samples: int) -> Evidence:
     """The same record, forces told by so many samples a line, and by fewer lines beyond the band."""
     scene = one.scene

@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.arm.acting import signals
 from ident.arm.arm_model import DRIVES
+from ident.arm.parts import degrees
 from ident.arm.small_matrices import times
 from ident.effects.base import Effect, Parameter, only_impedance, scale
 from ident.effects.catalogue import CATALOGUE
@@ -21,6 +22,8 @@ from symgen.forked import forked
 
 #: How many orders of a wave are scored; orders, or records of a change, tried where what was found leaves something.
 BEST_ORDERS, MORE = 2, 6
+#: chi^2 per degree of freedom above which candidates are told by few lines of few records.
+MUCH = 9.0
 #: Share of a plausible size from which an effect that is not linear in its size is differentiated.
 SMALL = 1e-3
 #: Factors by which stiffnesses and frequencies of an impedance are moved from the best ones tried: at first, and from then on.
@@ -147,10 +150,22 @@ def of_kinds(
 def catalogue(
     lin: Linearised, taken: Sequence[Effect], workers: int = 1, at: tuple[str, int | None] | None = None
 ) -> list[Candidate]:
-    """All effects of the catalogue that the fitted arm does not contain yet, best first: at all joints, or `at` a port and joint."""
+    """All effects of the catalogue that the fitted arm does not contain yet, best first: at all joints, or `at` a port and joint. Where much
+    is left they are told by few lines of few records, as all would have them."""
     tasks = of_kinds(lin, lambda kind, joint: _in_fit(kind) and (at is None or at == (kind.port, joint)), taken)
-    lin.prepare()
-    found = [c for c in forked(lambda task: best_of(lin, *task), tasks, workers) if c is not None]
+    measured = degrees(lin.problem.data)
+    few = lin.by_few() if lin.chi2 > MUCH * measured else lin
+    whole = measured / degrees(few.problem.data)
+    for one in (lin, few):
+        one.prepare()
+
+    def best(task: tuple[type[Effect], int | None]) -> Candidate | None:
+        if task[0].shares is not Effect.shares:  # from one record to the next
+            return best_of(lin, *task)
+        found = best_of(few, *task)
+        return None if found is None else replace(found, gain=whole * found.gain)
+
+    found = [c for c in forked(best, tasks, workers) if c is not None]
     return sorted(found, key=lambda c: -c.gain)
 
 

@@ -16,10 +16,11 @@ from ident.effects.motor import TorqueScale
 from ident.search.candidates import Candidate, best_of, of_kinds, smallest, units
 from ident.search.choice import Tried, is_curve, left_by
 from ident.search.curves import curve_of
-from ident.search.minima import CREPT, FALLING, creeping_like, crept, told
+from ident.search.minima import CREPT, creeping_like, crept, told
 from ident.search.own_records import by_own
 from ident.search.refits import (
     BY_ALL,
+    FALLING,
     HASTILY,
     NAMED,
     Bench,

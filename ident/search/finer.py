@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from ident.arm.parts import degrees
 from ident.search.choice import Tried, ended_there, is_curve, left_by
-from ident.search.minima import FALLING, told
-from ident.search.refits import CLOSE, FINELY, Bench, Refit, State, all_fitted, fitted, reduced_chi2
+from ident.search.minima import told
+from ident.search.refits import CLOSE, FALLING, FINELY, Bench, Refit, State, all_fitted, fitted, reduced_chi2
 
 #: Share of what any other candidate leaves that one leaves which may be far ahead once it is fitted finely: nothing else is tried then.
 #: Below the first one it is far ahead already.

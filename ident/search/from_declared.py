@@ -11,11 +11,10 @@ from ident.search.candidates import Candidate, best_of, catalogue, larger, neare
 from ident.search.choice import MUCH, SLIGHT, UNLIKELY, Tried, left_by
 from ident.search.contact import as_it_creeps, as_it_winds
 from ident.search.finer import finer
-from ident.search.minima import as_declared
-from ident.search.refits import BENT, CLOSE, NAMED, Bench, State, linearised, reduced_chi2, same
+from ident.search.refits import BENT, CLOSE, NAMED, Bench, State, as_declared, linearised, reduced_chi2, same
 from ident.search.shapes import bending, only_shapes
 from ident.search.trace import Linearised
-from ident.search.tried import by_few_lines, refitted
+from ident.search.tried import NEARLY, by_few_lines, refitted
 from symgen.forked import forked
 
 #: Candidates taken over from the declared arm; share of what the best promises from which a force that follows from the motion is
@@ -41,7 +40,8 @@ def from_declared(bench: Bench, state: State, found: Effect | None) -> list[Trie
         again = [c for c in again if all(c is not one.candidate for one in tried)]
     tried += refitted(bench, state, [(c, declared) for c in again])
     best = min(tried, key=left_by, default=None)
-    if best is not None and only_shapes(best.candidate.effect) and reduced_chi2(bench, best.state) > CLOSE**2:
+    left = max(CLOSE**2 * degrees(bench.split.select), NEARLY * state.select)
+    if best is not None and only_shapes(best.candidate.effect) and left_by(best) > left:
         tried += tried_bending(bench, state, declared, lambda effect: same(effect, best.candidate.effect))
     all_at_once = best is not None and best.candidate.effect.joint is None
     much = max(BENT * degrees(bench.split.select), MUCH * state.select)

@@ -9,17 +9,17 @@ import numpy as np
 
 from ident.arm.coupled import DOUBTS
 from ident.arm.parts import degrees, united
-from ident.arm.scene import known
 from ident.effects.base import Effect, only_impedance, winds_up
-from ident.effects.carried import FARTHEST, Carrying, carrying, of_declared_links, shown
+from ident.effects.carried import Carrying
 from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
 from ident.effects.learned import Learned, bent
-from ident.records.campaign import Array
+from ident.search.links_off import by_links, carrying_others, stiffnesses
 from ident.search.own_records import by_own
 from ident.search.refits import (
     BY_ALL,
     CLOSE,
     FAINTLY,
+    FALLING,
     FINELY,
     FULLY,
     HASTILY,
@@ -28,18 +28,19 @@ from ident.search.refits import (
     Refit,
     State,
     all_fitted,
+    as_declared,
     fitted,
+    lowest,
     reduced_chi2,
     same,
     some,
+    until_nothing,
     winding,
     with_last,
 )
 
 #: Fall of chi^2 on the records that chose it with which an effect, or another place, is no matter of noise.
 LEAST_GAIN = 40.0
-#: Share of itself to which a fit makes chi^2 fall that goes on.
-FALLING = 0.8
 #: Sizes, of what it is, from where what forces is tried again.
 ELSEWHERE = (0.7, 0.85, 1.1, 1.2, 1.35)
 #: And stiffnesses from where an impedance that was chosen is fitted again.
@@ -47,8 +48,6 @@ VALLEY = (0.5, 0.75, 1.35, 2.0)
 #: And from where beside the declared arm one of them is, if it still leaves something.
 STIFFER = (3.0, 10.0, 30.0)
 
-#: Lines at which an effect shows what it carries; share of what it leaves with declared links that it may leave with others.
-SHOWN_AT, MUCH_LESS = 8, 0.5
 #: Times that weights are made anew at the end where a curve is part of a model: its heights would go on for long, for nothing.
 BY_CURVE = 3
 #: chi^2 per degree of freedom of a model that may be near where it would end, had its fit not held the motion: it has left up to 21.
@@ -59,14 +58,6 @@ PATIENT, STILL = 8, 0.9
 CREPT = 0.9
 #: Times what a model leaves that it leaves, at most, where it comes back to where it was, from the declared arm.
 BACK = 1.05
-#: Times that it is told by how much links are off.
-TOLD_ANEW = 3
-#: Times as stiff, or as fast, from where it is fitted again once links may be off.
-HALF_OR_TWICE = (0.5, 2.0)
-#: Valleys whose bottoms are looked at.
-VALLEYS = 3
-#: Times the least of its stiffnesses that the others are tried at, and of a usual frequency that its own is.
-STIFFER_THAN, OF_USUAL = (1.0, 4.0), (0.6, 1.0)
 
 
 def fully(bench: Bench, state: State) -> State:
@@ -79,22 +70,30 @@ def fully(bench: Bench, state: State) -> State:
     # what a curve leaves, which it does not draw, is no valley
     by_curve = _drawn(state)
     if only_impedance(last) and len([p for p in last.parameters if p.zero is None]) > 2 and not by_curve:
-        stiffnesses = _stiffnesses(last)
-        starts = [Refit.of(state), *_resized(state, last, stiffnesses, VALLEY)]
-        state = lowest(bench, starts)
-        if reduced_chi2(bench, state) > BY_ALL:  # on declared links nothing is the lowest
-            state = _carrying(bench, state)
-        carries = isinstance(state.effects[-1], Carrying)
-        if reduced_chi2(bench, state) > NAMED and not carries:  # springs behind each other may have changed places
-            declared = replace(state, minimum=replace(state.minimum, vector=as_declared(bench, state)))
-            starts = [Refit.of(declared), *(one for k in stiffnesses for one in _resized(declared, last, [k], STIFFER))]
-            state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
+        state = _in_lowest_valley(bench, state)
     state = _closely(bench, Refit.of(state), reduced_chi2(bench, state))
     if by_curve or bench.late or reduced_chi2(bench, state) <= NAMED:
         return state
     state = followed(bench, state)
-    for more in (_doubted, _carrying, crept):
+    for more in (_doubted, carrying_others, crept):
         state = _closely_if_new(bench, state, more(bench, state))
+    return state
+
+
+def _in_lowest_valley(bench: Bench, state: State) -> State:
+    """The model, whose last effect is an impedance of several shapes, from where these do best."""
+    last = state.effects[-1]
+    stiff = stiffnesses(last)
+    if by_links(bench, state) and reduced_chi2(bench, found := carrying_others(bench, state)) <= NAMED:
+        return found
+    state = lowest(bench, [Refit.of(state), *_resized(state, last, stiff, VALLEY)])
+    if by_links(bench, state):
+        state = carrying_others(bench, state)
+    if reduced_chi2(bench, state) > NAMED and not isinstance(state.effects[-1], Carrying):
+        # springs behind each other may have changed places
+        declared = replace(state, minimum=replace(state.minimum, vector=as_declared(bench, state)))
+        starts = [Refit.of(declared), *(one for k in stiff for one in _resized(declared, last, [k], STIFFER))]
+        state = min(state, lowest(bench, starts), key=lambda other: other.minimum.chi2)
     return state
 
 
@@ -144,7 +143,7 @@ def crept(bench: Bench, state: State) -> State:
     here = by_own(bench, state)
     if reduced_chi2(bench, here) <= (CLOSE**2 if reduced_chi2(bench, state) > CLOSE**2 else NAMED):
         return here
-    near = _until_nothing(bench, [creeping_like(min(here, state, key=lambda one: one.select), FROM[0])])
+    near = until_nothing(bench, [creeping_like(min(here, state, key=lambda one: one.select), FROM[0])])
     dof = degrees(bench.split.select)
 
     def helps(new: State) -> bool:  # else more is missing, which that would be bent to
@@ -152,7 +151,7 @@ def crept(bench: Bench, state: State) -> State:
 
     best = min([here, *near], key=lambda other: other.select)
     if reduced_chi2(bench, best) > NAMED and helps(best):
-        near += _until_nothing(bench, [creeping_like(state, decades) for decades in FROM[1:]])
+        near += until_nothing(bench, [creeping_like(state, decades) for decades in FROM[1:]])
     best = min(near, key=lambda other: other.select, default=here)
     if best.select < here.select - LEAST_GAIN and helps(best):
         return best
@@ -164,90 +163,6 @@ def creeping_like(state: State, decades: float) -> Refit:
     effects = (*state.effects[:-1], creeping(state.effects[-1], decades))
     scales, limits = (*state.scales, 1.0), (*state.limits, (SLOWEST, FASTEST))
     return Refit(np.append(state.minimum.vector, decades), effects, scales, limits, 1, HASTILY)
-
-
-def _carrying(bench: Bench, state: State) -> State:
-    """The model, or one whose last effect carries links that are not the declared ones, if that leaves much less: by how much they
-    are off, told anew while that shows in other ways where the effect is then."""
-    for _ in range(TOLD_ANEW):
-        new = _carrying_as_shown(bench, state)
-        if new is state or bench.late or reduced_chi2(bench, new) <= NAMED:
-            return new
-        state = new
-    return state
-
-
-def _carrying_as_shown(bench: Bench, state: State) -> State:
-    """As `_carrying`, in the ways that the last effect shows where it is, at its softest."""
-    last = of_declared_links(state.effects[-1])
-    if not last.carries or not np.isfinite(state.select):
-        return state
-    p = state.problem.parameters(state.minimum.vector)
-    scenes = [state.problem.scene(one, state.effects) for one in state.problem.data]
-    arms = [known(scene, p) for scene in scenes]
-    s = scenes[0].s[np.linspace(0, len(scenes[0].s) - 1, SHOWN_AT).astype(int)]
-    effect = carrying(last, shown(_soft(last), s, arms, bool(bench.model.factoring.believed)))
-    more, kept = len(effect.values) - len(last.values), sum(len(e.values) for e in (*state.effects[:-1], last))
-    scales, limits = state.scales[:kept] + (1.0,) * more, state.limits[:kept] + ((-FARTHEST, FARTHEST),) * more
-    refit = Refit(np.zeros(0), (*state.effects[:-1], effect), scales, limits)
-    found = state.minimum.vector[: state.problem.base + kept]
-    vectors = [as_declared(bench, state)[: len(found)], found]
-    starts = [replace(refit, vector=np.concatenate([vector, np.zeros(more)])) for vector in vectors]
-    new = lowest(bench, starts)
-    if NAMED < reduced_chi2(bench, new) < FALLING * reduced_chi2(bench, state):
-        base = state.problem.base
-        anew = [
-            replace(refit, vector=np.concatenate([as_declared(bench, state)[:base], values]))
-            for values in _plausible(new)
-        ]
-        others = [replace(one, outer=1, roughly=HASTILY) for one in [Refit.of(new), *anew]]
-        for other in sorted(_until_nothing(bench, others), key=lambda other: other.select)[:VALLEYS]:
-            new = min(new, fitted(bench, Refit.of(other)), key=lambda one: one.select)
-            if reduced_chi2(bench, new) <= NAMED:
-                break
-    dof = degrees(bench.split.select)
-    if new.select - dof > MUCH_LESS * (state.select - dof):
-        return state
-    return new
-
-
-def _plausible(state: State) -> list[Array]:
-    """The values of all effects, those of the last, which carries links, anew: stiffnesses half and twice, or of several the stiffer
-    ones as the least and a few times that, frequencies as is usual; links as declared. None of what has no stiffness."""
-    last = state.effects[-1]
-    before = [value for effect in state.effects[:-1] for value in effect.values]
-    values = np.where([p.aside for p in last.parameters], 0.0, last.values)
-    own = [k for k, p in enumerate(last.parameters) if p.unit == "Hz"]
-    usual = np.array([last.parameters[k].sizes[0] for k in own])
-    stiff = np.array(_stiffnesses(last), dtype=int)
-    if not len(stiff):
-        return []
-    least = values[stiff].min()
-    if len(stiff) > 1:
-        resized, factors = stiff[values[stiff] > least], STIFFER_THAN
-    else:
-        resized, factors = stiff, HALF_OR_TWICE
-    found = []
-    for factor in factors:
-        for share in OF_USUAL if own else (1.0,):
-            anew = values.copy()
-            anew[resized] = factor * least
-            anew[own] = share * usual
-            found.append(np.concatenate([before, anew]))
-    return found
-
-
-def _soft(effect: Effect) -> Effect:
-    """The effect with all its stiffnesses as its least: one that was found too stiff would not show what it carries."""
-    stiffnesses = _stiffnesses(effect)
-    values = np.array(effect.values)
-    values[stiffnesses] = values[stiffnesses].min(initial=np.inf)
-    return effect.with_values(values.tolist())
-
-
-def _stiffnesses(effect: Effect) -> list[int]:
-    """Which values of an effect are stiffnesses of what gives."""
-    return [k for k, p in enumerate(effect.parameters) if p.relative == "K" and p.zero is None]
 
 
 def _closely(bench: Bench, refit: Refit, left: float) -> State:
@@ -274,22 +189,6 @@ def settled(bench: Bench, state: State) -> State:
 def _drawn(state: State) -> bool:
     """Whether a learned curve is part of a model."""
     return any(isinstance(effect, Learned) for effect in state.effects)
-
-
-def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
-    """The model that fits best of those from these starts, hastily compared, or the first that leaves nothing."""
-    found = _until_nothing(bench, [replace(one, outer=1, roughly=HASTILY) for one in starts])
-    return fitted(bench, Refit.of(min(found, key=lambda other: other.minimum.chi2)))
-
-
-def _until_nothing(bench: Bench, refits: Sequence[Refit]) -> list[State]:
-    """The models of `refits`, up to the first that leaves nothing."""
-    found = []
-    for state in all_fitted(bench, refits):
-        found.append(state)
-        if reduced_chi2(bench, state) <= NAMED:
-            break
-    return found
 
 
 def afresh(bench: Bench, state: State) -> State:
@@ -322,7 +221,7 @@ def links_anew(bench: Bench, state: State) -> State:
             break
         if isinstance(effect, Carrying) or (order[k] != k and effect.carries):
             last = fitted(bench, some(state, order))
-            new = _carrying(bench, last)
+            new = carrying_others(bench, last)
             if new is not last:
                 new = _closely(bench, some(new, np.argsort(order).tolist()), reduced_chi2(bench, new))
                 if new.select < state.select:
@@ -350,11 +249,6 @@ def wound_up(bench: Bench, state: State) -> State:
         if not fell:
             break
     return state
-
-
-def as_declared(bench: Bench, state: State) -> Array:
-    """The declared arm with the effects of a model."""
-    return np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
 
 
 def _resized(state: State, effect: Effect, which: Sequence[int], factors: Sequence[float]) -> list[Refit]:

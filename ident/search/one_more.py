@@ -9,6 +9,7 @@ from ident.effects.base import Effect, only_gains, only_shares, winds_up
 from ident.search.candidates import CHANGE, catalogue
 from ident.search.choice import CURVE_SHARE, Tried, best_names, is_curve, left_by, plainest
 from ident.search.finer import finer
+from ident.search.links_off import by_links
 from ident.search.minima import told
 from ident.search.refits import (
     CLOSE,
@@ -62,7 +63,7 @@ def leading_to_one_more(
         return names, None
     lead = finer(bench, best.state) if best.state.roughly > FINELY else best.state
     names = [one.refitted(lead) if one is best else one for one in names]
-    if reduced_chi2(bench, lead) <= NAMED:
+    if reduced_chi2(bench, lead) <= NAMED or by_links(bench, lead):
         return names, None
 
     def most(effect: Effect) -> float:

@@ -15,13 +15,13 @@ from ident.arm.coupled import DOUBTS, problem_of
 from ident.arm.descent import Minimum, minimise
 from ident.arm.evidence import Evidence
 from ident.arm.following import follow
-from ident.arm.parts import Split, degrees, few_lines, sampled
+from ident.arm.parts import Split, degrees, few_lines, few_records, sampled
 from ident.arm.sliding import TURNS
 from ident.effects.base import Effect, PortLaw, winds_up
 from ident.effects.carried import of_declared_links
 from ident.effects.learned import LINEAR, Learned, as_damping
 from ident.records.campaign import Array, Campaign
-from ident.search.trace import Linearised, linearise
+from ident.search.trace import FEW_LINES, FEW_RECORDS, Linearised, linearise
 from symgen.forked import forked
 from symgen.plan import Model
 
@@ -30,16 +30,20 @@ from symgen.plan import Model
 HASTILY, FINELY, FAINTLY, FULLY = 0.03, 0.002, 1e-4, 8
 #: Times that motions are found anew for a model whose force follows from them, hastily and finely.
 WOUND, WOUND_FINELY = 3, 5
-#: Turns to the force of dry friction, lines of a record, and records about, for a candidate; samples a line until one is chosen.
-FEW_TURNS, FEW_LINES, FEW_RECORDS, FEW_SAMPLES = 15, 250, 20, 6
+#: Turns to the force of dry friction for a candidate; samples a line until one is chosen.
+FEW_TURNS, FEW_SAMPLES = 15, 6
 #: Lines of a record by which the arm without effects is looked for; by all, and a model at its minimum, where chi^2 per degree of
 #: freedom is less than this.
 FIRST_LINES, BY_ALL = 100, 10.0
 #: chi^2 per degree of freedom above which something is left that is no noise.
 NAMED = 1.1
+#: chi^2 per degree of freedom so far beyond any noise that effects are looked for from the declared arm first.
+FAR = 1000.0
 #: How many times the noise the error of a model is that is near; chi^2 per degree of freedom so far beyond any noise that effects are
 #: looked for from the declared arm, too.
 CLOSE, BENT = 3.0, 100.0
+#: Share of itself to which a fit makes chi^2 fall that goes on.
+FALLING = 0.8
 #: Times chi^2 per degree of freedom from which a last descent began that the choosing records then leave where it went astray.
 ASTRAY = 3.0
 #: Which of the four numbers of a drive (`Parameters`: K, J_m, D, D_spring) is a slope of a curve, by port and variable.
@@ -183,6 +187,27 @@ def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
         yield State(effects, refit.scales, refit.limits, minimum, problem, select, refit.roughly, refit.followed)
 
 
+def lowest(bench: Bench, starts: Sequence[Refit]) -> State:
+    """The model that fits best of those from these starts, hastily compared, or the first that leaves nothing."""
+    found = until_nothing(bench, [replace(one, outer=1, roughly=HASTILY) for one in starts])
+    return fitted(bench, Refit.of(min(found, key=lambda other: other.minimum.chi2)))
+
+
+def until_nothing(bench: Bench, refits: Sequence[Refit]) -> list[State]:
+    """The models of `refits`, up to the first that leaves nothing."""
+    found = []
+    for state in all_fitted(bench, refits):
+        found.append(state)
+        if reduced_chi2(bench, state) <= NAMED:
+            break
+    return found
+
+
+def as_declared(bench: Bench, state: State) -> Array:
+    """The declared arm with the effects of a model."""
+    return np.concatenate([bench.guess.vector(), state.minimum.vector[state.problem.base :]])
+
+
 def begun(bench: Bench) -> tuple[Bench, State]:
     """The bench, with what the arm without effects leaves, and that arm."""
     start = without_effects(bench)
@@ -191,7 +216,10 @@ def begun(bench: Bench) -> tuple[Bench, State]:
 
 def without_effects(bench: Bench) -> State:
     """The arm without effects: from what is declared, and by a detour where something is left."""
-    best = fitted(bench, Refit(bench.guess.vector(), (), (), (), lines=FIRST_LINES))
+    start = Refit(bench.guess.vector(), (), (), (), lines=FIRST_LINES)
+    best = fitted(bench, replace(start, roughly=HASTILY))
+    if reduced_chi2(bench, best) <= FAR:
+        best = fitted(bench, start)
     if reduced_chi2(bench, best) > NAMED:
         found = fitted(bench, Refit(bench.guess.vector(), (), (), (), 1, HASTILY, DOUBTS, lines=FIRST_LINES))
         if found.minimum.chi2 < best.minimum.chi2:
@@ -208,7 +236,7 @@ def fitted(bench: Bench, refit: Refit) -> State:
     if refit.roughly > FAINTLY:
         fit, select = (tuple(sampled(one, FEW_SAMPLES) for one in part) for part in (fit, select))
     if hasty:
-        fit, select = _few(fit), _few(select)
+        fit, select = few_records(fit, FEW_RECORDS), few_records(select, FEW_RECORDS)
     if refit.own:
         fit, select = (tuple(one for one in part if one.excited == refit.effects[-1].joint) for part in (fit, select))
     lines = refit.lines or (FEW_LINES if hasty else None)
@@ -250,12 +278,6 @@ def _moving(effects: Sequence[Effect]) -> list[int]:
     """The joints that named effects wind up, or rub at: motions follow what is there most."""
     rubbing = {effect.joint for effect in effects if effect.dry and not isinstance(effect, Learned)}
     return sorted(joint for joint in winding(effects) | rubbing if joint is not None)
-
-
-def _few(part: tuple[Evidence, ...]) -> tuple[Evidence, ...]:
-    """About `FEW_RECORDS` of some records, of every joint's the same share: in a campaign joints may take turns."""
-    by_joint = sorted(part, key=lambda one: one.excited)
-    return tuple(sorted(by_joint[:: max(1, round(len(part) / FEW_RECORDS))], key=lambda one: one.index))
 
 
 def _by_all_lines(problem: Problem, minimum: Minimum, times: float) -> Minimum:

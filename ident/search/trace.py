@@ -8,7 +8,7 @@ parameters), never by correlation alone.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ident.arm.acting import moved
 from ident.arm.arm_fit import Held, Problem, residual, whitened_by
 from ident.arm.arm_model import Parameters, transfer
+from ident.arm.parts import few_lines, few_records
 from ident.arm.scene import Scene, in_record, known, linear_extra
 from ident.arm.small_matrices import by_component
 from ident.effects.base import Known
@@ -26,6 +27,8 @@ from ident.records.frf import Complex
 
 #: Ports at which one signal acts on one joint.
 PORTS = ("motor", "spring", "link", "sensor")
+#: Lines of a record, and records about, by which candidates are told where much is left.
+FEW_LINES, FEW_RECORDS = 250, 20
 #: Relative ridge of a Gauss-Newton step: directions weaker than this are left alone.
 RIDGE = 1e-9
 
@@ -53,6 +56,14 @@ class Linearised:
     r: tuple[Complex, ...]
     A: tuple[Complex, ...]
     columns: tuple[NDArray[np.int64], ...]
+
+    def by_few(self) -> Linearised:
+        """The same by fewer lines of fewer records."""
+        few = few_records(self.problem.data, FEW_RECORDS)
+        places = [k for k, one in enumerate(self.problem.data) if any(one is other for other in few)]
+        W, r, A = (tuple(of[k] for k in places) for of in (self.W, self.r, self.A))
+        problem = replace(self.problem, data=tuple(few_lines(one, FEW_LINES) for one in few))
+        return Linearised(problem, self.vector, W, r, A, tuple(self.columns[k] for k in places))
 
     @cached_property
     def information(self) -> Array:

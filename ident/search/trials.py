@@ -30,10 +30,11 @@ from ident.search.contact import balanced, besides, rubbing, rubbing_anew
 from ident.search.curves import curves, resonances, responses
 from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
 from ident.search.from_declared import as_it_moves, from_declared, tried_bending
-from ident.search.minima import LEAST_GAIN, afresh, as_declared, elsewhere, fully, told, wound_up
+from ident.search.minima import LEAST_GAIN, afresh, elsewhere, fully, told, wound_up
 from ident.search.refits import (
     BENT,
     CLOSE,
+    FAR,
     FINELY,
     FULLY,
     HASTILY,
@@ -41,6 +42,7 @@ from ident.search.refits import (
     Bench,
     State,
     all_fitted,
+    as_declared,
     beyond_noise,
     linearised,
     reduced_chi2,
@@ -57,8 +59,6 @@ REFITTED, CURVES = (6, 40), 2
 EFFORT = 1.5e5
 #: Share of what earns a place that a candidate must promise to be tried once little is left: promises are nearly right there.
 HARDLY = 0.125
-#: chi^2 per degree of freedom so far beyond any noise that effects are looked for from the declared arm first.
-FAR = 1000.0
 #: Candidates fitted finely before one is chosen.
 FINALISTS = 3
 #: Share of what was in excess without effects below which nothing more is looked for once little is left.

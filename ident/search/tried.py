@@ -28,25 +28,25 @@ from ident.search.refits import (
 )
 from ident.search.trace import Linearised
 
-#: Of many candidates, those that few lines leave least to are refitted as others are.
-BEST = 2
-#: Share of what one promises that leaves nothing, that others must.
-PROMISED = 0.5
+#: Of many candidates, those that few lines leave least to are refitted as others are, but for such as leave so many times what there was.
+BEST, BENT_MORE = 2, 2.0
+#: Share of what there was that one leaves which leaves nearly nothing; and of what it promises, that others must.
+NEARLY, PROMISED = 0.03, 0.5
 
 
 def by_few_lines(bench: Bench, state: State, lin: Linearised, likely: Sequence[Candidate]) -> list[Tried]:
-    """The best two of many candidates, by few lines, refitted as others are."""
+    """The best two of many candidates, by few lines, refitted as others are; none that bends the arm by more than it was."""
     if bench.late:
         return []
     refits = [replace(with_candidate(state, candidate, lin), lines=FIRST_LINES) for candidate in likely]
     left = [new.select for new in all_fitted(bench, refits)]
     best = sorted(zip(left, range(len(left)), strict=True))[:BEST]
-    return refitted(bench, state, [(likely[k], lin) for _, k in best])
+    return refitted(bench, state, [(likely[k], lin) for least, k in best if least < BENT_MORE * state.select])
 
 
 def refitted(bench: Bench, state: State, short: Sequence[tuple[Candidate, Linearised]]) -> list[Tried]:
     """The model `state` with each candidate, as it is where the arm was linearised, hastily refitted; once one leaves nothing, where
-    there was much, none that promises much less, and none once it is late."""
+    there was much, or nearly nothing of it, none that promises much less, and none once it is late."""
     if bench.late:
         return []
     refits = [with_candidate(state, candidate, origin) for candidate, origin in short]
@@ -55,7 +55,8 @@ def refitted(bench: Bench, state: State, short: Sequence[tuple[Candidate, Linear
     for candidate, new in zip(candidates, all_fitted(bench, refits), strict=True):
         tried.append(Tried(candidate, new))
         bench.say(f"  {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}, promised {candidate.gain:.3g}")
-        if reduced_chi2(bench, new) <= NAMED and reduced_chi2(bench, state) > CLOSE:
+        nothing = reduced_chi2(bench, new) <= NAMED and reduced_chi2(bench, state) > CLOSE
+        if nothing or new.select < NEARLY * state.select:
             whole = max(whole, candidate.gain)
         if bench.late or all(other.gain < PROMISED * whole for other in candidates[len(tried) :]):
             break

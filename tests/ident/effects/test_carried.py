@@ -17,7 +17,8 @@ from ident.effects.friction import LinkViscous
 from ident.effects.structure import BaseCompliance, LinkFlexibility, all_that_gives
 from ident.loop.diagnose import Begun, begin
 from ident.records.frf import estimate
-from ident.search.minima import _carrying, links_anew
+from ident.search.links_off import carrying_others
+from ident.search.minima import links_anew
 from ident.search.refits import Refit, fitted, on_declared_links, reduced_chi2
 from ident.simulator.bench import simulate
 from symgen.chain import Chain, Inertia
@@ -145,7 +146,7 @@ def test_a_soft_base_under_links_that_are_not_the_declared_ones_leaves_nothing(s
     vector = np.concatenate([bench.guess.vector(), shapes])
     declared = fitted(bench, Refit(vector, (BASE,), BASE.values, limits))
     assert reduced_chi2(bench, declared) > 3.0
-    found = _carrying(bench, declared)
+    found = carrying_others(bench, declared)
     (effect,) = found.effects
     assert isinstance(effect, Carrying) and effect.name == "base-compliance"
     assert reduced_chi2(bench, found) < 1.2

@@ -18,8 +18,8 @@ from ident.loop.diagnose import Begun, begin
 from ident.records.campaign import Campaign
 from ident.records.frf import estimate
 from ident.search.candidates import best_of
-from ident.search.minima import as_declared, crept
-from ident.search.refits import FINELY, Refit, fitted, linearised, reduced_chi2
+from ident.search.minima import crept
+from ident.search.refits import FINELY, Refit, as_declared, fitted, linearised, reduced_chi2
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot

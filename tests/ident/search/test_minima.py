@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ident.search.contact
+import ident.search.links_off
 import ident.search.minima
 import ident.search.own_records
 import ident.search.refits
@@ -21,7 +22,8 @@ from ident.effects.structure import BaseCompliance
 from ident.search.candidates import Candidate
 from ident.search.choice import Tried
 from ident.search.contact import as_it_winds
-from ident.search.minima import _closely, _doubted, _plausible, afresh, crept, followed
+from ident.search.links_off import _plausible
+from ident.search.minima import _closely, _doubted, _in_lowest_valley, afresh, crept, followed
 from ident.search.refits import FAINTLY, FINELY, HASTILY, Refit, State, fitted
 
 BENCH: Any = SimpleNamespace(late=False, say=lambda line: None)
@@ -170,6 +172,31 @@ def test_what_carries_links_is_told_anew_by_its_stiffnesses_if_it_has_any() -> N
     assert _plausible(tilted) == []
     soft: Any = SimpleNamespace(effects=(BaseCompliance(None, (3e5, 1e6, 60.0, 1e-3)),))
     assert {tuple(values[:2]) for values in _plausible(soft)} == {(3e5, 3e5), (3e5, 12e5)}
+
+
+@pytest.mark.parametrize(("by_other_links", "asked"), [(0.9, ["links"]), (3.0, ["links", "valley", "valley"])])
+def test_what_carries_links_is_fitted_with_others_before_its_valleys_are_looked_at(
+    by_other_links: float, asked: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A base on declared links leaves 190: with others it leaves nothing, or something."""
+    done: list[str] = []
+
+    def state(left: float) -> Any:
+        minimum, soft = Minimum(np.zeros(4), np.zeros((4, 4)), left, True), BaseCompliance(None, (3e5, 1e6, 60.0, 1e-3))
+        return State((soft,), (), (), minimum, SimpleNamespace(), left)  # type: ignore[arg-type]
+
+    def made(what: str, left: float) -> Any:
+        done.append(what)
+        return state(left)
+
+    monkeypatch.setattr(ident.search.minima, "carrying_others", lambda bench, one: made("links", by_other_links))
+    monkeypatch.setattr(ident.search.minima, "lowest", lambda bench, starts: made("valley", 8.0))
+    for module in (ident.search.minima, ident.search.links_off):
+        monkeypatch.setattr(module, "reduced_chi2", lambda bench, one: one.select)
+    monkeypatch.setattr(ident.search.minima, "_resized", lambda state, effect, which, factors: [])
+    monkeypatch.setattr(ident.search.minima, "as_declared", lambda bench, one: np.zeros(4))
+    found = _in_lowest_valley(BENCH, state(190.0))
+    assert done == asked and found.select == (by_other_links if by_other_links < 1.0 else 8.0)
 
 
 def by_stages(effect: Effect, stages: dict[str, float], monkeypatch: pytest.MonkeyPatch) -> tuple[Any, list[str], Any]:

@@ -18,7 +18,7 @@ LEFT = 200.0
 
 
 def name(joint: int | None, gain: float, left: float, dry: bool = False) -> Tried:
-    effect = SimpleNamespace(name="friction" if dry else "damping", joint=joint, dry=dry)
+    effect = SimpleNamespace(name="friction" if dry else "damping", joint=joint, dry=dry, carries=False)
     candidate = SimpleNamespace(effect=effect, gain=gain, key=joint)
     minimum = SimpleNamespace(vector=None)
     state = SimpleNamespace(select=left, effects=(effect,), problem=None, minimum=minimum, roughly=0.03)
@@ -32,6 +32,7 @@ def beyond(monkeypatch: pytest.MonkeyPatch) -> list[Tried]:
     state_of = {"finer": lambda bench, s: SimpleNamespace(**(vars(s) | {"select": s.select / 2}))}
     stand_ins = state_of | {
         "reduced_chi2": lambda bench, state: state.select,
+        "by_links": lambda bench, state: state.effects[-1].carries,
         "_guessed": lambda effect: False,
         "plainest": lambda bench, named: min(named, key=lambda one: one[1].select),
         "_of_two_causes": lambda one, other: other.joint not in (None, one.joint),
@@ -61,6 +62,16 @@ def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
     beyond += [name(0, 90.0, 150.0), name(1, 80.0, best)]
     tried = one_more(BENCH, name(2, 0.0, left)[1])
     assert bool(tried) == does
+
+
+@pytest.mark.parametrize("carries", [False, True])
+def test_beside_what_carries_the_declared_links_nothing_more_is_looked_for(carries: bool, beyond: list[Tried]) -> None:
+    """What that leaves may be by links that are others."""
+    lead, other = name(1, 9.0, 50.0), name(2, 8.0, 150.0)
+    lead.candidate.effect.carries = carries  # type: ignore[misc]
+    beyond += [name(2, 90.0, 0.9)]
+    names, both = leading_to_one_more(BENCH, name(0, 0.0, LEFT)[1], [lead, other])  # type: ignore[arg-type]
+    assert (both is None) == carries and [one.candidate for one in names] == [lead.candidate, other.candidate]
 
 
 @pytest.mark.parametrize(

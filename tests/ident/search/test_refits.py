@@ -13,22 +13,21 @@ from diagnosed import CELLS, ROOT
 from ident.arm.coupled import declared_start
 from ident.arm.descent import Minimum
 from ident.arm.evidence import evidence, gravity_basis
-from ident.arm.parts import Split
+from ident.arm.parts import Split, few_records
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import learned
 from ident.records.frf import estimate
 from ident.search.refits import (
     CLOSE,
-    FEW_RECORDS,
     Bench,
     Refit,
     _as_declared,
     _by_all_lines,
-    _few,
     fitted,
     reduced_chi2,
     standing,
 )
+from ident.search.trace import FEW_RECORDS
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
@@ -52,10 +51,10 @@ def bench() -> Bench:
 def test_few_records_are_of_every_joint() -> None:
     """Though they were made posture by posture, the joints by turns: every other one is of every other joint."""
     records: Any = tuple(SimpleNamespace(index=k, excited=k % 6) for k in range(6 * 8))
-    few = [(one.index, one.excited) for one in _few(records)]
+    few = [(one.index, one.excited) for one in few_records(records, FEW_RECORDS)]
     assert FEW_RECORDS <= len(few) <= 1.5 * FEW_RECORDS and few == sorted(few)
     assert {sum(joint == j for _, joint in few) for j in range(6)} == {4}
-    assert _few(records[:FEW_RECORDS]) == records[:FEW_RECORDS]
+    assert few_records(records[:FEW_RECORDS], FEW_RECORDS) == records[:FEW_RECORDS]
 
 
 def test_few_lines_tell_deviations_as_all_would() -> None:

@@ -13,6 +13,7 @@ from diagnosed import CELLS, ROOT
 
 import ident.search.candidates
 import ident.search.plausible
+import ident.search.trace
 from ident.arm.arm_fit import Problem, hold, residual, whitened_by
 from ident.arm.arm_model import stiffness
 from ident.arm.coupled import declared_start, problem_of
@@ -192,14 +193,39 @@ def test_orders_are_looked_for_within_their_bounds(monkeypatch: pytest.MonkeyPat
         assert found is not None and highest - 1.0 <= found.effect["order"] <= highest
 
 
+def test_where_much_is_left_candidates_promise_by_few_lines_what_they_do_by_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """But what changes from one record to the next, which all records tell."""
+    lin, asked = explained((), (CATALOGUE["link-viscous"](0, (20.0,)),)), {}
+    best = ident.search.candidates.best_of
+
+    def seen(of: Linearised, kind: type[Effect], joint: int | None) -> Candidate | None:
+        asked[kind.name] = of.problem.data[0].count
+        return best(of, kind, joint) if kind.name in ("link-viscous", "link-coulomb") else None
+
+    monkeypatch.setattr(ident.search.candidates, "best_of", seen)
+    monkeypatch.setattr(ident.search.trace, "FEW_LINES", 15)
+    monkeypatch.setattr(ident.search.candidates, "MUCH", 0.01)
+    few = catalogue(lin, ())
+    lines = lin.problem.data[0].count
+    assert lines > 30 and asked["link-viscous"] == 15 and asked["change-between-records"] == lines
+    monkeypatch.setattr(ident.search.candidates, "MUCH", np.inf)
+    every = catalogue(lin, ())
+    assert asked["link-viscous"] == lines and few[0].key == every[0].key == ("link-viscous", 0, "link")
+    assert few[0].gain == pytest.approx(every[0].gain, rel=0.5)
+    np.testing.assert_allclose(few[0].effect.values, every[0].effect.values, rtol=0.1)
+
+
 def test_an_effect_of_the_arm_alone_is_promised_in_an_arm_of_one_joint(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that may be either is of its joint there; what every simulated arm has is never looked for."""
+    monkeypatch.setattr(ident.search.candidates, "degrees", lambda data: 1)
     monkeypatch.setattr(
         ident.search.candidates, "best_of", lambda lin, kind, joint: Candidate(kind(joint, ()), 1.0, ())
     )
 
     def asked(n: int, *taken: Effect) -> set[tuple[str, int | None]]:
-        lin: Any = SimpleNamespace(problem=SimpleNamespace(n=n), prepare=lambda: None)
+        lin: Any = SimpleNamespace(problem=SimpleNamespace(n=n, data=None), prepare=lambda: None, chi2=0.0)
         return {(c.effect.name, c.effect.joint) for c in catalogue(lin, taken)}
 
     arm = {("base-compliance", None), ("gravity-stiffness", None)}

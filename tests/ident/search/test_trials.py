@@ -180,19 +180,35 @@ def test_what_rings_and_leaves_all_there_was_is_tried_at_other_frequencies(
     assert not f or (f[0] < 11.0 / 1.2 and f[-1] > 1.2 * 11.0 and max(b / a for a, b in pairwise(f)) < 1.05)
 
 
-@pytest.mark.parametrize(("left", "last"), [(0.95, 2), (1.2, 4)])
+@pytest.mark.parametrize(
+    ("there", "left", "last"), [(30.0, 0.95, 2), (30.0, 1.2, 4), (500.0, 12.0, 2), (500.0, 18.0, 4)]
+)
 def test_what_promises_much_less_than_what_leaves_nothing_is_not_tried(
-    left: float, last: int, monkeypatch: pytest.MonkeyPatch
+    there: float, left: float, last: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of names that promise so much the first leaves nothing, or a little: those that promise half of it are tried anyway."""
+    """Of names that promise so much the first leaves nothing, nearly nothing of what was there, or a little: those that promise half of it
+    are tried anyway."""
     names = [DRY, WAVE, HARD, MotorCoulomb(1, (0.1,)), MotorQuadraticDrag(1, (1e-5,))]
     promised = [900.0, 500.0, 460.0, 440.0, 50.0]
     levels = dict(zip(names, [left, *[20.0] * 4], strict=True))
     short = [(SimpleNamespace(effect=e, gain=gain), None) for e, gain in zip(names, promised, strict=True)]
     monkeypatch.setattr(ident.search.tried, "with_candidate", lambda state, candidate, origin: candidate.effect)
     monkeypatch.setattr(ident.search.tried, "all_fitted", lambda bench, refits: (one(e, levels[e])[1] for e in refits))
-    found = refitted(BENCH, one(DRY, 30.0)[1], short)  # type: ignore[arg-type]
+    found = refitted(BENCH, one(DRY, there)[1], short)  # type: ignore[arg-type]
     assert [candidate.effect for candidate, _ in found] == names[: last + 1]
+
+
+def test_of_many_candidates_the_two_that_few_lines_leave_least_to_are_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """None of which leaves twice what there was: that bends the arm."""
+    levels = {DRY: 70.0, HARD: 20.0, WAVE: 50.0}
+    likely: Any = [SimpleNamespace(effect=e) for e in levels]
+    monkeypatch.setattr(ident.search.tried, "with_candidate", lambda state, candidate, lin: candidate.effect)
+    monkeypatch.setattr(ident.search.tried, "replace", lambda effect, lines: effect)
+    monkeypatch.setattr(ident.search.tried, "all_fitted", lambda bench, refits: [one(e, levels[e])[1] for e in refits])
+    monkeypatch.setattr(ident.search.tried, "refitted", lambda bench, state, short: [c.effect for c, _ in short])
+    for there, tried in ((40.0, [HARD, WAVE]), (20.0, [HARD]), (5.0, [])):
+        found: Any = by_few_lines(BENCH, one(DRY, there)[1], SimpleNamespace(), likely)  # type: ignore[arg-type]
+        assert found == tried
 
 
 def test_no_finalist_is_far_behind_the_best() -> None:
