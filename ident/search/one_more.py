@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from ident.effects.base import Effect, only_gains, only_shares, winds_up
+from ident.effects.base import Effect, only_gains, only_shares, overrides, winds_up
 from ident.search.candidates import CHANGE, catalogue
 from ident.search.choice import CURVE_SHARE, Tried, best_names, is_curve, left_by, plainest
 from ident.search.finer import finer
@@ -34,9 +34,10 @@ TRIED, PROMISED, MUCH = 3, 0.1, 0.5
 NEAR = 2.0
 #: Times what the best leaves that another name of its joint leaves which may be it.
 ALMOST = 1.3
-#: Share of what there was that a name may leave beside which another one does; of what that leaves beyond noise, that both may leave; and
-#: where one of them winds a spring up, or rubs, whose motion may not be found.
-LEAVES, HARDLY, WOUND_UP = 0.7, 0.1, 0.2
+#: Share of what there was that a name may leave beside which another one does, more where it is tried from an arm that was not bent to
+#: leave as little as there was; of what that leaves beyond noise, that both may leave; and where one of them winds a spring up, or rubs,
+#: whose motion may not be found.
+LEAVES, LEAVES_UNBENT, HARDLY, WOUND_UP = 0.7, 2.0, 0.1, 0.2
 
 
 def one_more(bench: Bench, state: State) -> list[Tried]:
@@ -59,7 +60,8 @@ def leading_to_one_more(
     if not named or bench.late or reduced_chi2(bench, state) <= CLOSE:
         return names, None
     best = plainest(bench, named)
-    if not NAMED < reduced_chi2(bench, best.state) < LEAVES * reduced_chi2(bench, state):
+    leaves = LEAVES if bench.declared is None else LEAVES_UNBENT
+    if not NAMED < reduced_chi2(bench, best.state) < leaves * reduced_chi2(bench, state):
         return names, None
     lead = finer(bench, best.state) if best.state.roughly > FINELY else best.state
     names = [one.refitted(lead) if one is best else one for one in names]
@@ -97,11 +99,12 @@ def _with_a_rival(
 
 
 def _of_two_causes(one: Effect, other: Effect) -> bool:
-    """Whether no law that has no name is both effects: such a law acts at one joint and one port from the first record to the last. What
-    delays a torque and what delays an angle do nearly the same, and what is of the whole arm may be of one joint."""
+    """Whether no law that has no name is both effects: such a law acts at one joint and one port from the first record to the last, and the
+    joint is where it reads to be. What delays a torque and what delays an angle do nearly the same, and what is of the whole arm may be
+    of one joint."""
     if None not in (one.joint, other.joint) and one.joint != other.joint:
         return True
-    if only_shares(one) != only_shares(other):
+    if only_shares(one) != only_shares(other) or overrides(one, "posture") != overrides(other, "posture"):
         return True
     ports = {one.port, other.port}
     apart = len(ports) == 2 and ("sensor" in ports or (one.joint is None) != (other.joint is None))

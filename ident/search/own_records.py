@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.search.refits import HASTILY, Bench, Refit, State, fitted, reduced_chi2
+from ident.search.refits import HASTILY, Bench, Refit, State, fitted, own_records, reduced_chi2
 
 #: Times that motions are found anew, and for the arm beside an effect that is kept.
 ANEW, BESIDE = 4, 2
@@ -22,7 +22,7 @@ def by_own(bench: Bench, state: State, near: float = np.inf) -> State:
     records leave more than `near` noise powers. By all records where none move its joint."""
     last, winds = state.effects[-1], not state.effects[-1].dry
     refit = replace(Refit.of(state), outer=ANEW, roughly=HASTILY, followed=winds)
-    if all(any(one.excited == last.joint for one in part) for part in (bench.split.fit, bench.split.select)):
+    if all(own_records(part, last) for part in (bench.split.fit, bench.split.select)):
         own = fitted(bench, replace(refit, own=True))
         if reduced_chi2(bench, own) > near:
             return state

@@ -215,15 +215,14 @@ def begun(bench: Bench) -> tuple[Bench, State]:
 
 
 def without_effects(bench: Bench) -> State:
-    """The arm without effects: from what is declared, and by a detour where something is left."""
-    start = Refit(bench.guess.vector(), (), (), (), lines=FIRST_LINES)
-    best = fitted(bench, replace(start, roughly=HASTILY))
-    if reduced_chi2(bench, best) <= FAR:
-        best = fitted(bench, start)
+    """The arm without effects: from what is declared, or by a detour where something is left; hastily where effects are looked for from
+    what is declared anyway."""
+    start = Refit(bench.guess.vector(), (), (), (), roughly=HASTILY, lines=FIRST_LINES)
+    best = fitted(bench, start)
     if reduced_chi2(bench, best) > NAMED:
-        found = fitted(bench, Refit(bench.guess.vector(), (), (), (), 1, HASTILY, DOUBTS, lines=FIRST_LINES))
-        if found.minimum.chi2 < best.minimum.chi2:
-            best = min(best, fitted(bench, replace(Refit.of(found), lines=FIRST_LINES)), key=lambda s: s.minimum.chi2)
+        best = min(best, fitted(bench, replace(start, outer=1, doubts=DOUBTS)), key=lambda s: s.minimum.chi2)
+    if BY_ALL < reduced_chi2(bench, best) <= FAR:
+        best = fitted(bench, replace(Refit.of(best), lines=FIRST_LINES))
     return best if reduced_chi2(bench, best) > BY_ALL else fitted(bench, Refit.of(best))
 
 
@@ -235,17 +234,17 @@ def fitted(bench: Bench, refit: Refit) -> State:
     fit, select = bench.split.fit, bench.split.select
     if refit.roughly > FAINTLY:
         fit, select = (tuple(sampled(one, FEW_SAMPLES) for one in part) for part in (fit, select))
-    if hasty:
-        fit, select = few_records(fit, FEW_RECORDS), few_records(select, FEW_RECORDS)
     if refit.own:
-        fit, select = (tuple(one for one in part if one.excited == refit.effects[-1].joint) for part in (fit, select))
+        fit, select = (own_records(part, refit.effects[-1]) for part in (fit, select))
     lines = refit.lines or (FEW_LINES if hasty else None)
     if lines is not None:
         fit, select = (tuple(few_lines(one, lines) for one in part) for part in (fit, select))
+    every = select
+    if hasty:
+        fit, select = few_records(fit, FEW_RECORDS), few_records(select, FEW_RECORDS)
     problem = replace(bench.problem(fit, *more), slid=refit.slid)
     if refit.kept:
         problem.free[-len(refit.effects[-1].values) :] = False
-    whole = degrees(bench.split.fit) / degrees(fit), degrees(bench.split.select) / degrees(select)
     try:
         with np.errstate(all="ignore"):
             if refit.followed and _moving(refit.effects):
@@ -253,20 +252,32 @@ def fitted(bench: Bench, refit: Refit) -> State:
             else:
                 minimum = minimise(problem, _as_declared(bench, refit), refit.doubts, refit.outer, refit.roughly)
             problem = replace(problem, slid=minimum.slid)
-            chosen = replace(problem, data=select)
-            chi2 = chi_squared(chosen, minimum.vector, hold(chosen, minimum.vector))
+            chi2 = _left(problem, minimum.vector, select)
             if minimum.weighed is not None and chi2 / degrees(select) > ASTRAY * minimum.weighed[1] / degrees(fit):
                 vector, before = minimum.weighed  # the motions held were no longer those of where it went
-                less = chi_squared(chosen, vector, hold(chosen, vector))
+                less = _left(problem, vector, select)
                 if less < chi2:
                     minimum, chi2 = replace(minimum, vector=vector, chi2=before), less
-            minimum = _by_all_lines(problem, minimum, whole[0])
+            if len(select) < len(every) and chi2 <= NAMED * degrees(select):  # which others may leave more of
+                select, chi2 = every, _left(problem, minimum.vector, every)
+            minimum = _by_all_lines(problem, minimum, degrees(bench.split.fit) / degrees(fit))
     except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
         nothing = np.zeros((len(refit.vector), len(refit.vector)))
         minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
-    effects, left = problem.effects_at(minimum.vector), chi2 * whole[1]
+    effects, left = problem.effects_at(minimum.vector), chi2 * degrees(bench.split.select) / degrees(select)
     problem = replace(problem, turns=TURNS)  # what it is asked later it tells as closely as any
     return State(effects, refit.scales, refit.limits, minimum, problem, left, refit.roughly, refit.followed)
+
+
+def _left(problem: Problem, vector: Array, select: tuple[Evidence, ...]) -> float:
+    """chi^2 of records that choose."""
+    chosen = replace(problem, data=select)
+    return chi_squared(chosen, vector, hold(chosen, vector))
+
+
+def own_records(part: Sequence[Evidence], effect: Effect) -> tuple[Evidence, ...]:
+    """Those of some records that move the joint of an effect."""
+    return tuple(one for one in part if one.excited == effect.joint)
 
 
 def winding(effects: Sequence[Effect]) -> set[int | None]:

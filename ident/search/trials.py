@@ -61,6 +61,8 @@ EFFORT = 1.5e5
 HARDLY = 0.125
 #: Candidates fitted finely before one is chosen.
 FINALISTS = 3
+#: Times what the best name leaves, if that is nothing, that another may leave which may be as good.
+NEAR_BEST = 1.2
 #: Share of what was in excess without effects below which nothing more is looked for once little is left.
 ENOUGH = 3e-3
 #: Share of a small rest that an effect must promise to be tried, and one that acts where dry friction does; of what friction leaves, that
@@ -334,6 +336,15 @@ def likeliest(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     return [one for one in names if only_impedance(one.candidate.effect) or UNLIKELY * left_by(one) <= least]
 
 
+def _may_be_as_good(bench: Bench, one: Tried, best: Tried) -> bool:
+    """Whether a name may leave nothing, as the `best` one does in haste: it leaves little of what there is without effects, or the motion
+    that its force makes of its joint, the same one, is not found in haste."""
+    effect, dof = one.candidate.effect, degrees(bench.split.select)
+    little = dof + REST * max(bench.at_first - dof, 0.0)
+    unfound = effect.joint == best.candidate.effect.joint and (effect.dry or winds_up(effect))
+    return unfound or left_by(one) <= max(little, NEAR_BEST * left_by(best))
+
+
 def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     """The candidates to be fitted finely: where a name leaves nothing, those near the noise, or none if it is alone there; where none
     is near, those not far behind the best, but none behind a law that is far ahead, or behind what rings that is. Of the curves the best,
@@ -350,6 +361,7 @@ def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     left = reduced_chi2(bench, named[0].state)
     if explains(bench, named[0].state, CLOSE**2):
         rivals = [one for one in named[:FINALISTS] + (drawn if left > NAMED else []) if left_by(one) <= near]
+        rivals = [one for one in rivals if left > NAMED or _may_be_as_good(bench, one, named[0])]
         return rivals if len(rivals) > 1 or left > NAMED else []
     if law_leads(bench, tried):
         return named[:1] + drawn

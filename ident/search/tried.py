@@ -13,7 +13,6 @@ from ident.search.candidates import Candidate, bounds, units
 from ident.search.choice import Tried
 from ident.search.minima import told
 from ident.search.refits import (
-    CLOSE,
     FIRST_LINES,
     HASTILY,
     NAMED,
@@ -30,8 +29,9 @@ from ident.search.trace import Linearised
 
 #: Of many candidates, those that few lines leave least to are refitted as others are, but for such as leave so many times what there was.
 BEST, BENT_MORE = 2, 2.0
-#: Share of what there was that one leaves which leaves nearly nothing; and of what it promises, that others must.
-NEARLY, PROMISED = 0.03, 0.5
+#: Share of what there was that one leaves which leaves nearly nothing; chi^2 per degree of freedom beyond which there was so much that
+#: noise is nothing; and share of what such a one promises, that others must.
+NEARLY, SOMETHING, PROMISED = 0.03, 1.5, 0.5
 
 
 def by_few_lines(bench: Bench, state: State, lin: Linearised, likely: Sequence[Candidate]) -> list[Tried]:
@@ -55,7 +55,7 @@ def refitted(bench: Bench, state: State, short: Sequence[tuple[Candidate, Linear
     for candidate, new in zip(candidates, all_fitted(bench, refits), strict=True):
         tried.append(Tried(candidate, new))
         bench.say(f"  {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}, promised {candidate.gain:.3g}")
-        nothing = reduced_chi2(bench, new) <= NAMED and reduced_chi2(bench, state) > CLOSE
+        nothing = reduced_chi2(bench, new) <= NAMED and reduced_chi2(bench, state) > SOMETHING
         if nothing or new.select < NEARLY * state.select:
             whole = max(whole, candidate.gain)
         if bench.late or all(other.gain < PROMISED * whole for other in candidates[len(tried) :]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,7 +49,8 @@ def beyond(monkeypatch: pytest.MonkeyPatch) -> list[Tried]:
     return names
 
 
-BENCH = SimpleNamespace(late=False, workers=1, say=lambda line: None)
+BENCH = SimpleNamespace(late=False, workers=1, say=lambda line: None, declared=None)
+UNBENT = SimpleNamespace(**vars(BENCH) | {"declared": "the declared arm"})
 
 
 @pytest.mark.parametrize(
@@ -115,6 +117,17 @@ def test_a_name_leads_to_another_that_leaves_nothing(
         assert both[0].effects == lead[1].effects and [one.candidate for one in both[1]] == [second.candidate]
 
 
+@pytest.mark.parametrize(
+    ("bench", "left", "found"), [(BENCH, 300.0, False), (UNBENT, 300.0, True), (UNBENT, 450.0, False)]
+)
+def test_a_name_from_an_arm_that_is_not_bent_leads_though_it_leaves_more_than_the_bent_one(
+    bench: Any, left: float, found: bool, beyond: list[Tried]
+) -> None:
+    """A delay beside a zero that is off: an arm bent by both left 209 noise powers, the delay alone 293."""
+    beyond.append(name(2, 90.0, 0.9))
+    assert (leading_to_one_more(bench, name(None, 0.0, LEFT)[1], [name(1, 9.0, left)])[1] is not None) == found
+
+
 def effect(name: str, joint: int | None) -> Effect:
     kind = CATALOGUE[name]
     return kind(joint, tuple(p.sizes[0] for p in kind.parameters))
@@ -132,6 +145,8 @@ def effect(name: str, joint: int | None) -> Effect:
         (("link-viscous", 1), ("encoder-eccentricity", 1), True),
         (("torque-lag", 1), ("time-offset", 1), False),
         (("torque-lag", 1), ("encoder-eccentricity", 1), True),
+        (("time-offset", 1), ("joint-zero-offset", 1), True),
+        (("joint-zero-offset", 1), ("joint-zero-offset", 1), False),
     ],
 )
 def test_two_names_that_take_the_place_of_one_law(

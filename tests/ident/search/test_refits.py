@@ -8,8 +8,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from diagnosed import CELLS, ROOT
 
+import ident.search.refits
 from ident.arm.coupled import declared_start
 from ident.arm.descent import Minimum
 from ident.arm.evidence import evidence, gravity_basis
@@ -19,6 +21,8 @@ from ident.effects.learned import learned
 from ident.records.frf import estimate
 from ident.search.refits import (
     CLOSE,
+    HASTILY,
+    NAMED,
     Bench,
     Refit,
     _as_declared,
@@ -55,6 +59,21 @@ def test_few_records_are_of_every_joint() -> None:
     assert FEW_RECORDS <= len(few) <= 1.5 * FEW_RECORDS and few == sorted(few)
     assert {sum(joint == j for _, joint in few) for j in range(6)} == {4}
     assert few_records(records[:FEW_RECORDS], FEW_RECORDS) == records[:FEW_RECORDS]
+
+
+def test_what_leaves_nothing_by_few_records_in_haste_is_asked_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two records that choose, few are the first: the second one, which tells another arm, is asked if that leaves nothing."""
+    (one,) = bench().split.fit
+    other = replace(one, index=1, scene=replace(one.scene, theta=1.1 * one.scene.theta))
+    both = replace(bench(), split=replace(bench().split, select=(one, other)))
+    monkeypatch.setattr(ident.search.refits, "few_records", lambda part, most: part[:1])
+    vector, limits = np.append(bench().guess.vector(), SCALED.values), ((-0.5, 0.5),)
+    hasty = Refit(vector, (SCALED,), (0.1,), limits, 1, HASTILY)
+    by_first, by_both = (reduced_chi2(b, fitted(b, hasty)) for b in (bench(), both))
+    assert by_first < NAMED and by_both > 10.0
+    plain = Refit(bench().guess.vector(), (), (), (), 1, HASTILY)
+    by_first, by_both = (reduced_chi2(b, fitted(b, plain)) for b in (bench(), both))
+    assert by_first > NAMED and by_both == pytest.approx(by_first)
 
 
 def test_few_lines_tell_deviations_as_all_would() -> None:

@@ -21,7 +21,14 @@ from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.creeping import creeping
-from ident.effects.friction import LinkCoulomb, LoadDependentFriction, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
+from ident.effects.friction import (
+    LinkCoulomb,
+    LinkViscous,
+    LoadDependentFriction,
+    MotorCoulomb,
+    MotorQuadraticDrag,
+    MotorStribeck,
+)
 from ident.effects.learned import Learned, learned
 from ident.effects.ringing import Ringing
 from ident.effects.spring import SpringHardening, TransmissionError
@@ -222,6 +229,22 @@ def test_behind_a_name_that_leaves_nothing_in_haste_only_those_near_the_noise_ar
 ) -> None:
     tried = [one(DRY, best), one(HARD, 2.5), one(WAVE, 5.0), one(MotorCoulomb(1, (0.1,)), 500.0)]
     assert _finalists(where(1000.0), tried) == tried[:finalists]
+
+
+@pytest.mark.parametrize(
+    ("rival", "level", "finely"),
+    [
+        (LinkViscous(1, (0.1,)), 1.6, False),
+        (LinkViscous(1, (0.1,)), 1.12, True),
+        (DRY, 1.6, True),  # whose motion is not found in haste
+        (LinkCoulomb(2, (0.1,)), 1.6, False),  # of another joint
+    ],
+)
+def test_behind_a_name_that_leaves_nothing_of_a_little_only_what_may_be_as_good_is_fitted_finely(
+    rival: Effect, level: float, finely: bool
+) -> None:
+    tried = [one(WAVE, 0.95), one(rival, level)]
+    assert _finalists(where(1.8), tried) == (tried if finely else [])
 
 
 def test_dry_friction_that_curves_draw_alike_in_haste_is_fitted_finely_by_each() -> None:
