@@ -216,13 +216,17 @@ def begun(bench: Bench) -> tuple[Bench, State]:
 
 def without_effects(bench: Bench) -> State:
     """The arm without effects: from what is declared, or by a detour where something is left; hastily where effects are looked for from
-    what is declared anyway."""
-    start = Refit(bench.guess.vector(), (), (), (), roughly=HASTILY, lines=FIRST_LINES)
-    best = fitted(bench, start)
+    what is declared anyway, closely where little is left."""
+    start = Refit(bench.guess.vector(), (), (), (), lines=FIRST_LINES)
+    best = detour = fitted(bench, replace(start, roughly=HASTILY))
     if reduced_chi2(bench, best) > NAMED:
-        best = min(best, fitted(bench, replace(start, outer=1, doubts=DOUBTS)), key=lambda s: s.minimum.chi2)
+        detour = fitted(bench, replace(start, outer=1, roughly=HASTILY, doubts=DOUBTS))
+        best = min(best, detour, key=lambda state: state.minimum.chi2)
     if BY_ALL < reduced_chi2(bench, best) <= FAR:
-        best = fitted(bench, replace(Refit.of(best), lines=FIRST_LINES))
+        best = fitted(bench, start)
+        if detour.minimum.chi2 < best.minimum.chi2:
+            finely = fitted(bench, replace(Refit.of(detour), lines=FIRST_LINES))
+            best = min(best, finely, key=lambda state: state.minimum.chi2)
     return best if reduced_chi2(bench, best) > BY_ALL else fitted(bench, Refit.of(best))
 
 
