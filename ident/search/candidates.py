@@ -156,8 +156,8 @@ def catalogue(
     measured = degrees(lin.problem.data)
     few = lin.by_few() if lin.chi2 > MUCH * measured else lin
     whole = measured / degrees(few.problem.data)
-    for one in (lin, few):
-        one.prepare()
+    lin.prepare()
+    few.prepare()
 
     def best(task: tuple[type[Effect], int | None]) -> Candidate | None:
         if task[0].shares is not Effect.shares:  # from one record to the next

@@ -360,9 +360,10 @@ def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
         return drawn + likeliest(bench, tried)[:FINALISTS]
     left = reduced_chi2(bench, named[0].state)
     if explains(bench, named[0].state, CLOSE**2):
-        rivals = [one for one in named[:FINALISTS] + (drawn if left > NAMED else []) if left_by(one) <= near]
-        rivals = [one for one in rivals if left > NAMED or _may_be_as_good(bench, one, named[0])]
-        return rivals if len(rivals) > 1 or left > NAMED else []
+        if left > NAMED:
+            return [one for one in named[:FINALISTS] + drawn if left_by(one) <= near]
+        rivals = [one for one in named[:FINALISTS] if left_by(one) <= near and _may_be_as_good(bench, one, named[0])]
+        return rivals if len(rivals) > 1 else []
     if law_leads(bench, tried):
         return named[:1] + drawn
     return named[:1] + [one for one in named[1:FINALISTS] + drawn if UNLIKELY * left_by(one) <= left_by(named[0])]
