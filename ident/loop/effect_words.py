@@ -63,10 +63,12 @@ def meaning(effect: dict[str, Any]) -> str:
         misread = effect["port"] == "sensor" and variable_of(effect) in ("reading", HYSTERESIS, CROSSTALK)
         what = "An error of the encoder" if misread else "A torque"
         return f"{what} that no law of the catalogue describes, learned from the records as {_kind_of(effect)}."
-    if effect["name"] == "inertial-parameters" and effect["joint"] is None:
-        return (
-            "Several links are not as in the URDF, or carry a load: J(q) changes by this share of sqrt(J_ii J_jj), rms."
-        )
+    if effect["name"] == "inertial-parameters" and "share" in effect["parameters"]:
+        return "This link's mass, and its moments with it, are not as in the URDF: all by this share."
+    if effect["name"] == "inertial-parameters" and "change" in effect["parameters"]:
+        many = effect["joint"] is None
+        links = "Several links are not as in the URDF, or carry a load" if many else "This link is not as in the URDF"
+        return f"{links}: J(q) changes by this share of sqrt(J_ii J_jj), rms of the entry that changes most."
     found = CATALOGUE.get(effect["name"])
     return (inspect.getdoc(found) or "").split("\n\n")[0].replace("`", "") if found else ""
 

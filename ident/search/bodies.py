@@ -168,12 +168,12 @@ class Change:
         return self.level(2.0 * best.cost, int(np.linalg.matrix_rank(best.jac))), best.x, std
 
 
-def any_body(change: Change, body: int) -> tuple[float, Array]:
-    """(level, ten parameters) of the change of one body that explains most."""
+def any_body(change: Change, body: int) -> float:
+    """The level of what any change of one body's ten parameters leaves."""
     A = change.white @ change.rows[:, 10 * body : 10 * body + 10]
     phi, *_ = np.linalg.lstsq(A, change.y, rcond=ROUNDING)
     rank = int(np.linalg.matrix_rank(A, tol=ROUNDING * np.linalg.norm(A)))
-    return change.level(float(np.sum((change.y - A @ phi) ** 2)), rank), phi
+    return change.level(float(np.sum((change.y - A @ phi) ** 2)), rank)
 
 
 def _mass_at(x: Array) -> Array:

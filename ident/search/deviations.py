@@ -162,7 +162,7 @@ def _bodies(change: Change) -> list[Deviation]:
     n = change.model.chain.n
     sigmas = float(np.linalg.norm(change.y))
     whole = [any_body(change, b) for b in range(n)]
-    good = [("inertial-parameters", b) for b in range(n) if whole[b][0] < 1.0]
+    good = [("inertial-parameters", b) for b in range(n) if whole[b] < 1.0]
     scaled, gravity = [Part(1, b) for b in range(n)], Part(1, None)
     on_ray, load = Part(2, n - 1), Part(4, n - 1)
     fewest_first: list[list[tuple[Part, ...]]] = [
@@ -183,15 +183,12 @@ def _bodies(change: Change) -> list[Deviation]:
         parts, (level, x, std) = min(found, key=lambda one: one[1][0])
         if level < 1.0:
             return _told(change, parts, x, std, _as_well(change, parts, load, good))
-    best = max((b for _, b in good), default=int(np.argmin([level for level, _ in whole])))
-    if whole[best][0] > SEVERAL:
-        values = (("change", change.of_J, change.of_J / sigmas, ""),)
-        return [Deviation("inertial-parameters", None, values, sigmas, change.where, change.off, (load.named,))]
-    cad = change.model.chain.parameters[10 * best : 10 * best + 10]
-    size = float(np.linalg.norm(whole[best][1] * np.abs(cad)) / max(float(cad @ cad), 1e-300))
-    tied = tuple(one for one in good if one[1] != best)
-    values = (("change", size, size / sigmas, ""),)
-    return [Deviation("inertial-parameters", best, values, sigmas, change.where, change.off, tied)]
+    best = max((b for _, b in good), default=int(np.argmin(whole)))
+    several = whole[best] > SEVERAL
+    tied = (load.named,) if several else tuple(one for one in good if one[1] != best)
+    values = (("change", change.of_J, change.of_J / sigmas, ""),)
+    joint = None if several else best
+    return [Deviation("inertial-parameters", joint, values, sigmas, change.where, change.off, tied)]
 
 
 def _as_well(
@@ -221,7 +218,7 @@ def _told(
                 zip(names, change.load(own).tolist(), np.abs(change.load(error)).tolist(), units, strict=True)
             )
         else:
-            values = (("share" if part.body is None else "change", float(own[0]), float(error[0]), ""),)
+            values = (("share", float(own[0]), float(error[0]), ""),)
         sigmas = float(np.linalg.norm(change.white @ by))
         result.append(Deviation(*part.named, values, sigmas, change.where, by, tied))
     return result

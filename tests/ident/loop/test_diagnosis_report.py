@@ -20,6 +20,7 @@ from ident.effects.ringing import Ringing
 from ident.loop.diagnose import status_of
 from ident.loop.diagnosis_json import verdict_document
 from ident.loop.diagnosis_report import html, not_held_out, sentence, text, todo
+from ident.loop.effect_words import meaning
 from ident.loop.held_out import felt
 from ident.search.contradicted import Off
 from ident.search.deviations import Deviation
@@ -157,6 +158,15 @@ def test_many_declared_numbers_that_are_off_are_counted_in_the_sentence_and_told
     assert f"2. motor-inertia at joint1: inertia off by -4e-06 +- 1e-09 kgm2 ({100 * share:+.3g} %)" in text(v)
     only = sentence(verdict_document(replace(d, added=()), [file]))
     assert only == "3 declared numbers are off; with all corrected it explains the records."
+
+
+@pytest.mark.parametrize(
+    ("name", "told"), [("share", "all by this share"), ("change", "This link is not as in the URDF: J(q) changes by")]
+)
+def test_a_link_that_is_off_is_told_by_the_number_that_says_how(name, told):
+    number = {"value": 0.12, "std": 1e-3, "unit": ""}
+    effect = {"name": "inertial-parameters", "joint": "joint2", "parameters": {name: number}}
+    assert told in meaning(effect)
 
 
 def test_what_no_record_shows_is_null_and_told_without_an_error(file):

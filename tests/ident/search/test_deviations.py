@@ -67,6 +67,7 @@ def changed(
 def test_what_changed_is_told_with_its_size(how: dict[str, object], told: dict[tuple[str, int | None], float]) -> None:
     change = changed(**how)  # type: ignore[arg-type]
     found = _bodies(change)
+    assert all(one.values[0][0] == ("mass" if one.name == "payload" else "share") for one in found)
     sizes = {(one.name, one.joint): one.values[0][1:3] for one in found}
     assert sizes.keys() == told.keys()
     assert all(abs(value - told[key]) < 4.0 * std for key, (value, std) in sizes.items())
@@ -74,8 +75,10 @@ def test_what_changed_is_told_with_its_size(how: dict[str, object], told: dict[t
 
 
 def test_a_body_that_changed_in_another_way_is_told_alone_and_what_does_as_well() -> None:
-    (one,) = _bodies(changed(bodies=(0.0, 0.0, 0.2), aside=-0.05))
+    change = changed(bodies=(0.0, 0.0, 0.2), aside=-0.05)
+    (one,) = _bodies(change)
     assert (one.name, one.joint) == ("inertial-parameters", 2)
+    assert [(name, value) for name, value, *_ in one.values] == [("change", change.of_J)]
     (other,) = _bodies(changed(mass=0.5))
     assert ("inertial-parameters", 2) in other.tied
 
