@@ -164,7 +164,7 @@ class Change:
         first = np.cumsum([0, *(part.numbers for part in parts)])
         if any(part.is_load and best.x[k] <= 0.0 for part, k in zip(parts, first, strict=False)):
             return None
-        std = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)))
+        std = np.linalg.norm(np.linalg.pinv(best.jac), axis=1)
         return self.level(2.0 * best.cost, int(np.linalg.matrix_rank(best.jac))), best.x, std
 
 

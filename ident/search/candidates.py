@@ -170,9 +170,10 @@ def catalogue(
 
 
 def surest(lin: Linearised, workers: int = 1) -> float:
-    """The largest fall of chi^2 that an effect of the catalogue promises just as it stands, the same one in all records."""
+    """The largest fall of chi^2 that an effect of the catalogue promises just as it stands, the same one in all records: of dry friction
+    in all of them together, some of which may want it to push."""
     found = [c.effect for c in catalogue(lin, (), workers) if type(c.effect).shares is Effect.shares]
-    return max((lin.step([added(lin, effect)])[1] for effect in found), default=0.0)
+    return max((fall for effect in found if (stands := _as_it_stands(lin, effect)) for fall in stands[1:]), default=0.0)
 
 
 def _in_fit(kind: type[Effect]) -> bool:

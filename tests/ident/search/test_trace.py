@@ -26,7 +26,7 @@ from ident.effects.response import Response, response
 from ident.effects.sensor import JointZeroOffset
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import estimate
-from ident.search.candidates import Candidate, added, best_of, catalogue, otherwise
+from ident.search.candidates import Candidate, added, best_of, catalogue, otherwise, surest
 from ident.search.curves import responses, wave
 from ident.search.periods import Spectrum, spectrum
 from ident.search.trace import Linearised, linearise, port_shares
@@ -215,6 +215,23 @@ def test_where_much_is_left_candidates_promise_by_few_lines_what_they_do_by_all(
     assert asked["link-viscous"] == lines and few[0].key == every[0].key == ("link-viscous", 0, "link")
     assert few[0].gain == pytest.approx(every[0].gain, rel=0.5)
     np.testing.assert_allclose(few[0].effect.values, every[0].effect.values, rtol=0.1)
+
+
+def test_friction_that_would_have_to_push_promises_nothing_as_it_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Joints that are held move by a count of their encoders: of 16 records without effects Stribeck friction, -5.4 times that of those that
+    slide, promised 220."""
+    falls = {VISCOUS: (1.0, 12.0), CATALOGUE["motor-coulomb"](2, (5e-6,)): (-5.4, 220.0)}
+    monkeypatch.setattr(
+        ident.search.candidates, "catalogue", lambda lin, taken, workers: [Candidate(e, 12.0, (1.0,)) for e in falls]
+    )
+    monkeypatch.setattr(ident.search.candidates, "added", lambda lin, effect: effect)
+
+    def step(columns: list[Effect]) -> tuple[list[float], float]:
+        size, fall = falls[columns[0]]
+        return [size], fall
+
+    lin: Any = SimpleNamespace(step=step)
+    assert surest(lin) == 12.0
 
 
 def test_an_effect_of_the_arm_alone_is_promised_in_an_arm_of_one_joint(monkeypatch: pytest.MonkeyPatch) -> None:
