@@ -78,9 +78,11 @@ def _diagnosed(
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
         found = by_general()
         beside = simplest.beside(found.end, found.split)
-        if found.left <= NAMED and reduced_chi2(*beside) > CLOSE and not one_more(*beside):
+        left = reduced_chi2(*beside)
+        missing = found.left <= NAMED and left > CLOSE and one_more(*beside)
+        if found.left <= NAMED and left > CLOSE and not missing:
             return found, notes
-        if found.left <= NAMED and found.added and reduced_chi2(*beside) <= NAMED:
+        if found.left <= NAMED and found.added and (left <= NAMED or missing):
             gone_on = partial(simplest.going_on, found, *beside)
     say(f"the {believed} zeros of the URDF believed")
 

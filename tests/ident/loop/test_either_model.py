@@ -187,7 +187,7 @@ def test_links_that_do_without_two_effects_are_taken(
         (1.0, 1.0, 1.0, False, ["found", "gone on"], True),  # the effect does without them
         (1.0, 1.0, 1.5, False, ["found", "believed"], True),  # it nearly does
         (1.0, 1.5, 2.5, False, ["found", "believed"], False),  # they explain, and the zeros believed do not
-        (1.0, 1.0, 9.0, True, ["found", "believed"], True),  # another in their place, as a zero that is off
+        (1.0, 1.0, 9.0, True, ["found", "gone on"], True),  # another in their place, as a zero that is off
         (5.0, 1.0, 9.0, False, ["found", "believed"], True),  # they leave something
     ],
 )
