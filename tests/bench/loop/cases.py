@@ -42,8 +42,9 @@ TIMES, ENOUGH = 2, 20
 #: One draw in so many is of the large arm.
 LARGE = 12
 KINDS_OF_CASE = ("clean", "one", "two", "outside", "faint")
-#: Single draws of which pairs are made.
-SINGLES = 150
+#: Single draws of which pairs are made: as many for each pair, so that by turns most are drawn before it; of those the last so many, and
+#: no fewer than so many.
+SINGLES, EACH, RECENT, LEAST = 150, 3, 24, 8
 #: A draw shows when the rms of the whitened residual is this large in some band of some joint of some record.
 SHOWS = 3.0
 #: What is to be faint is made smaller so many times at most, by no more than this factor, towards the first of these, while it
@@ -249,7 +250,8 @@ def _two(case: Case, cache_directory: Path) -> tuple[Drawn, Campaign]:
     other = "" if case.robot in OURS else case.robot
     singles = [one for one in cases("one", SINGLES, case.seed, other)
                if (one.robot, one.lock) == (case.robot, case.lock) and not (case.built and one.name in DECLARED)]  # fmt: skip
-    pairs = list(combinations(singles, 2))
+    before = max(sum(one.index < EACH * (case.index + 1) for one in singles), LEAST)
+    pairs = list(combinations(singles[max(before - RECENT, 0) : before], 2))
     for draws, k in enumerate(rng.permutation(len(pairs))[:DRAWS].tolist(), 1):
         parts = [single(one, cache_directory) for one in pairs[k]]
         effects = tuple(part.effects[0] for part in parts)
