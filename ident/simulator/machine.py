@@ -67,7 +67,7 @@ class Machine:
         self._lacking = rk4.defect(arm.generator(), 2 * model.nv, Ts, steps) if self._of_rk4 else None
         self._states = [replace(state) for state in arm.states]
         self._rest = [state.theta for state in arm.states]
-        self._driven = arm.driven
+        self._driven, self._driving = arm.driven, np.zeros(model.nv)  # and their forces of the last step
         self._ports, self._memories = _ports(arm, self._states, self._h)
         acting = {law.joint for law in arm.laws}
         self._moving = [(k, joint) for k, joint in enumerate(arm.live) if self._driven or joint.index in acting]
@@ -162,7 +162,7 @@ class Machine:
 
     def _push(self) -> None:
         """Puts the forces of all laws for the next step into the simulation."""
-        self._applied.fill(0.0)
+        self._applied[:] = self._driving
         mujoco.mj_forward(self._model, self._data)
         x, v, a, u = self._x.tolist(), self._v.tolist(), self._a.tolist(), self._u.tolist()
         for joint, remember in self._memories:
@@ -178,7 +178,7 @@ class Machine:
                 for port, index, F in effect.driven(self._states, self._rest):
                     for dof, factor in _push_of(at[index], port) if index in at else ():
                         applied[dof] += factor * F
-            self._applied[:] = applied
+            self._applied[:] = self._driving = np.array(applied)
             if self._ports:
                 mujoco.mj_forwardSkip(self._model, self._data, _MOVED, 1)
                 a = self._a.tolist()
