@@ -33,8 +33,9 @@ from symgen.forked import forked
 UNSEEN_INFORMATION = 1e-2
 #: Relative rounding error of an information matrix.
 INFORMATION_ROUNDING = 1e-13
-#: Share of itself, or of its scale, by which an effect's parameter is changed to see what it does; of itself, what its impedance depends on.
-NUDGE, IMPEDANCE_NUDGE = 1e-4, 1e-6
+#: Share of itself, or of its scale, by which an effect's parameter is changed to see what it does; where that is an impedance or a gain; of
+#: itself, what its impedance depends on.
+NUDGE, EXACT_NUDGE = 1e-4, 1e-6
 #: Where dry friction was found, by record and by port and joint.
 Slides = Mapping[int, Mapping[tuple[str, int], Slid]]
 #: What of `Extra` is forces and readings.
@@ -238,7 +239,8 @@ def _nudged(problem: Problem, effect: Effect, first: int) -> list[tuple[int, flo
         if not problem.free[first + j]:
             continue
         size = problem.scale[first + j]
-        nudge = NUDGE * float(np.clip(abs(value), 1e-2 * size, size))
+        share = EXACT_NUDGE if only_impedance(effect) or only_gains(effect) else NUDGE
+        nudge = share * float(np.clip(abs(value), 1e-2 * size, size))
         nudge = nudge if value + nudge <= problem.high[first + j] else -nudge
         found.append((first + j, nudge, effect.with_value(j, value + nudge)))
     return found
@@ -295,12 +297,12 @@ def _by_impedance(
     weights = np.zeros((m, len(arm.columns(scene.n))))  # of what the impedance depends on, by the parameters
     changed = []
     if effect.impedance_of == "K":
-        step, K = IMPEDANCE_NUDGE, now.K.copy()
+        step, K = EXACT_NUDGE, now.K.copy()
         K[i] *= 1.0 + step
         changed.append(replace(now, K=K))
         weights[0, here] = 1.0
     else:
-        step = IMPEDANCE_NUDGE * float(now.J[i, i])
+        step = EXACT_NUDGE * float(now.J[i, i])
         for k, j in enumerate(arm.live.tolist()):
             J = now.J.copy()
             J[i, j] += step  # of the row that this effect is told by; another one beside it has its own
