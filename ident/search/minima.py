@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arm.coupled import DOUBTS
 from ident.arm.parts import degrees, united
-from ident.effects.base import Effect, only_impedance, winds_up
+from ident.effects.base import Effect, has_forces, only_impedance, winds_up
 from ident.effects.carried import Carrying
 from ident.effects.creeping import FASTEST, FROM, SLOWEST, Creeping, creeping
 from ident.effects.learned import Learned, bent
@@ -48,6 +48,8 @@ VALLEY = (0.5, 0.75, 1.35, 2.0)
 #: And from where beside the declared arm one of them is, if it still leaves something.
 STIFFER = (3.0, 10.0, 30.0)
 
+#: Fall of chi^2 that ends the last descent of all, where motions are not found anew: of a link that bends it went on for four.
+WHOLLY = 1e-5
 #: Times that weights are made anew at the end where a curve is part of a model: its heights would go on for long, for nothing.
 BY_CURVE = 3
 #: chi^2 per degree of freedom of a model that may be near where it would end, had its fit not held the motion: it has left up to 21.
@@ -182,7 +184,8 @@ def settled(bench: Bench, state: State) -> State:
         return state
     both = replace(bench, split=replace(bench.split, fit=united(*bench.split.fit, *bench.split.select)))
     outer = BY_CURVE if _drawn(state) else FULLY
-    new = fitted(both, replace(Refit.of(state), outer=outer, roughly=FAINTLY))
+    roughly = FAINTLY if any(map(has_forces, state.effects)) else WHOLLY
+    new = fitted(both, replace(Refit.of(state), outer=outer, roughly=roughly))
     return replace(new, select=state.select) if new.select < state.select + LEAST_GAIN else state
 
 

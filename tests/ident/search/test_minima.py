@@ -14,6 +14,7 @@ import ident.search.minima
 import ident.search.own_records
 import ident.search.refits
 from ident.arm.descent import Minimum
+from ident.arm.parts import Split
 from ident.effects.base import Effect
 from ident.effects.declared import GravityStiffness
 from ident.effects.friction import LinkCoulomb, LinkViscous
@@ -23,7 +24,7 @@ from ident.search.candidates import Candidate
 from ident.search.choice import Tried
 from ident.search.contact import as_it_winds
 from ident.search.links_off import _plausible
-from ident.search.minima import _closely, _doubted, _in_lowest_valley, afresh, crept, followed
+from ident.search.minima import WHOLLY, _closely, _doubted, _in_lowest_valley, afresh, crept, followed, settled
 from ident.search.refits import FAINTLY, FINELY, HASTILY, Refit, State, fitted
 
 BENCH: Any = SimpleNamespace(late=False, say=lambda line: None)
@@ -52,6 +53,27 @@ def test_a_fit_goes_on_while_what_is_left_falls(
     monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
     assert _closely(BENCH, Refit(np.zeros(1), (), (), ()), begins).level == falls[times - 1]  # type: ignore[attr-defined]
     assert len(refits) == times
+
+
+@pytest.mark.parametrize(
+    ("effect", "roughly"), [(BaseCompliance(None, (6e4, 6e4, 100.0, 1e-4)), WHOLLY), (LinkCoulomb(1, (0.05,)), FAINTLY)]
+)
+def test_the_last_descent_goes_on_to_the_end_where_motions_are_not_found_anew(
+    effect: Effect, roughly: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refits: list[Refit] = []
+
+    def fit(bench: Any, refit: Refit) -> State:
+        refits.append(refit)
+        return State((effect,), (), (), None, None, 10.0, FINELY)  # type: ignore[arg-type]
+
+    bench: Any = SimpleNamespace(late=False, split=Split((), (), (), ""))
+    monkeypatch.setattr(ident.search.minima, "fitted", fit)
+    monkeypatch.setattr(ident.search.minima, "reduced_chi2", lambda bench, state: 1.0)
+    monkeypatch.setattr(ident.search.minima, "replace", lambda one, **new: SimpleNamespace(**{**vars(one), **new}))
+    monkeypatch.setattr(Refit, "of", lambda state: Refit(np.zeros(1), (), (), ()))
+    settled(bench, State((effect,), (), (), None, None, 10.0, FINELY))  # type: ignore[arg-type]
+    assert [one.roughly for one in refits] == [roughly]
 
 
 @pytest.mark.parametrize(("there", "ends"), [(90.0, 1.0), (2.0, 2.0)])
