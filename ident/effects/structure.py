@@ -17,6 +17,8 @@ from symgen.chain import PRISMATIC, Chain, Inertia, skew
 
 #: Retardation time [s] of a spring: its damping over its stiffness. At 30 Hz, 2e-4 s is 2 % of critical.
 _DAMPING = Parameter("damping", "s", 0.0, 0.01, (2e-4,), zero=None)
+#: That of a link that hardly rings, which looks like no other that does.
+_DULL = 1.5e-3
 #: The twists of a base that turns about x, y and z.
 _TURNS = np.hstack([np.zeros((3, 3)), np.eye(3)])
 #: Where something gives, from the base on: at it; then of every link at its joint, at its near part's disc, where it bends.
@@ -240,7 +242,7 @@ class LinkFlexibility(Giving):
     parameters = (
         Parameter("stiffness", "Nm/rad", 0.05, 1e3, (2.0, 8.0), zero=None, relative="K"),
         Parameter("share", "", 0.05, 0.95, (0.5,), zero=None),
-        _DAMPING,
+        replace(_DAMPING, sizes=(*_DAMPING.sizes, _DULL)),
         Parameter("across", "", 0.0, 1.0, (0.0, 1.0), zero=None, whole=True),
     )
 
