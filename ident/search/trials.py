@@ -61,7 +61,7 @@ EFFORT = 1.5e5
 HARDLY = 0.125
 #: Candidates fitted finely before one is chosen.
 FINALISTS = 3
-#: Times what the best name leaves, if that is nothing, that another may leave which may be as good.
+#: Times what the best name leaves, if that is nothing or near it, that another may leave which may be as good.
 NEAR_BEST = 1.2
 #: Share of what was in excess without effects below which nothing more is looked for once little is left.
 ENOUGH = 3e-3
@@ -207,12 +207,17 @@ def _besides(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
 
 
 def _nearest_finely(bench: Bench, tried: list[Tried]) -> list[Tried]:
-    """The candidates, the best fitted finely where it is near the noise: it may leave nothing, and nothing else need be tried."""
+    """The candidates, the best fitted finely where it is near the noise, then others as near until one leaves nothing: nothing else need
+    be tried."""
     best = min(tried, key=left_by, default=None)
     if best is None or not NAMED < reduced_chi2(bench, best.state) <= CLOSE**2:
         return tried
-    state = otherwise_if_left(bench, finer(bench, best.state))
-    return [one.refitted(state) if one is best else one for one in tried]
+    for near in sorted((one for one in tried if left_by(one) <= NEAR_BEST * left_by(best)), key=left_by):
+        state = otherwise_if_left(bench, finer(bench, near.state))
+        tried = [one.refitted(state) if one is near else one for one in tried]
+        if bench.late or reduced_chi2(bench, state) <= NAMED:
+            break
+    return tried
 
 
 def _drawn(bench: Bench, state: State, lin: Linearised, names: Sequence[Tried]) -> list[Tried]:

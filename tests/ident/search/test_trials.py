@@ -50,7 +50,16 @@ from ident.search.finer import curve_finely, finely, leader_finely
 from ident.search.naming import named_by_load, of_any_order, plainer
 from ident.search.refits import FINELY, HASTILY, State
 from ident.search.trace import Linearised
-from ident.search.trials import _finalists, _ringing, ahead, likeliest, likely_names, outshines, polished
+from ident.search.trials import (
+    _finalists,
+    _nearest_finely,
+    _ringing,
+    ahead,
+    likeliest,
+    likely_names,
+    outshines,
+    polished,
+)
 from ident.search.tried import again, by_few_lines, refitted
 
 DOF = 1000
@@ -601,3 +610,17 @@ def test_the_declared_arm_is_tried_where_a_better_one_leads_nowhere(
     monkeypatch.setattr(ident.search.trials, "replace", lambda bench, **new: SimpleNamespace(**vars(bench) | new))
     names = likely_names(SimpleNamespace(**vars(BENCH) | own), one(DRY, level)[1], SimpleNamespace())  # type: ignore[arg-type]
     assert seen == tried and len(names) == len(tried)
+
+
+@pytest.mark.parametrize(("lefts", "asked"), [((1.65, 0.93), 2), ((0.95, 0.93), 1), ((1.65, 1.6), 2)])
+def test_names_as_near_the_noise_as_the_best_are_fitted_finely_until_one_leaves_nothing(
+    lefts: tuple[float, ...], asked: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A link that bends left 1.84 in haste, where a spring that relaxes left 1.68, and 0.93 finely."""
+    fine = iter(lefts)
+    monkeypatch.setattr(ident.search.trials, "reduced_chi2", lambda bench, state: state.select)
+    monkeypatch.setattr(ident.search.trials, "finer", lambda bench, state: SimpleNamespace(select=next(fine)))
+    monkeypatch.setattr(ident.search.trials, "otherwise_if_left", lambda bench, state: state)
+    tried = [Tried(None, SimpleNamespace(select=left)) for left in (5.8, 1.84, 1.68, 2.1)]  # type: ignore[arg-type]
+    found = [one.state.select for one in _nearest_finely(BENCH, tried)]
+    assert found == [5.8, *(reversed(lefts) if asked == 2 else (1.84, lefts[0])), 2.1]
