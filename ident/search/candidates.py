@@ -173,7 +173,8 @@ def surest(lin: Linearised, workers: int = 1) -> float:
     """The largest fall of chi^2 that an effect of the catalogue promises just as it stands, the same one in all records: of dry friction
     in all of them together, some of which may want it to push."""
     found = [c.effect for c in catalogue(lin, (), workers) if type(c.effect).shares is Effect.shares]
-    return max((fall for effect in found if (stands := _as_it_stands(lin, effect)) for fall in stands[1:]), default=0.0)
+    stand = (_as_it_stands(lin, effect) for effect in found)
+    return max((fall for _, fall in filter(None, stand)), default=0.0)
 
 
 def _in_fit(kind: type[Effect]) -> bool:
