@@ -78,12 +78,13 @@ def _diagnosed(
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
         found = by_general()
         beside = simplest.beside(found.end, found.split)
-        left = reduced_chi2(*beside)
-        missing = found.left <= NAMED and left > CLOSE and one_more(*beside)
-        if found.left <= NAMED and left > CLOSE and not missing:
-            return found, notes
-        if found.left <= NAMED and found.added and (left <= NAMED or missing):
-            gone_on = partial(simplest.going_on, found, *beside)
+        if found.left <= NAMED:
+            left = reduced_chi2(*beside)
+            does = left <= NAMED or (left > CLOSE and bool(one_more(*beside)))  # as they are, or with one name more
+            if left > CLOSE and not does:
+                return found, notes
+            if does and found.added:
+                gone_on = partial(simplest.going_on, found, *beside)
     say(f"the {believed} zeros of the URDF believed")
 
     at_once = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
@@ -53,6 +54,28 @@ def told() -> tuple[Campaign, Model, Array, Evidence, Start]:
     return c, model, basis, evidence(c, model, basis, frf, 0, "every"), declared_start(c, model, (frf,), basis)
 
 
+def by_differences(
+    effects: Sequence[Effect], one: Evidence, scales: Sequence[float], share: float
+) -> Iterator[tuple[int, Array, Array]]:
+    """The place, the derivative and the central difference over so large a `share` of every number of the last effect that is not whole, all
+    that is free."""
+    c, model, basis, _, start = told()
+    problem = problem_of(c, model, basis, (one,), start, tuple(effects), scales, [(-np.inf, np.inf)] * len(scales))
+    last, vector = effects[-1], np.concatenate([start.vector(), *(effect.values for effect in effects)])
+    free = np.zeros(len(vector), dtype=bool)
+    free[-len(last.values) :] = [not p.whole for p in last.parameters]
+    problem = replace(problem, free=free, turns=0)
+    (kept,) = hold(problem, vector)
+    _, slopes, columns = residual(problem, vector, one, kept.moved, derive=True)
+    tried = [k for k, column in enumerate(columns) if free[column]]
+    assert len(tried) == free.sum()
+    for k in tried:
+        step = np.zeros(len(vector))
+        step[columns[k]] = share * max(abs(vector[columns[k]]), 1e-4)
+        ahead, behind = (residual(problem, vector + sign * step, one, kept.moved)[0] for sign in (1.0, -1.0))
+        yield int(columns[k]), slopes[:, :, k], (ahead - behind) / (2.0 * step[columns[k]])
+
+
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_derivatives_by_the_arm_are_differences_whatever_acts(name: str) -> None:
     c, model, basis, one, start = told()
@@ -89,23 +112,9 @@ def test_derivatives_by_the_arm_are_differences_whatever_acts(name: str) -> None
 )
 def test_derivatives_by_gains_and_shares_are_differences(effect: Effect, close: float) -> None:
     """Of the fourth record of an arm on which another effect acts, too."""
-    c, model, basis, one, start = told()
-    one, viscous = replace(one, index=3), CATALOGUE["link-viscous"](1, (0.1,))
-    many = len(effect.values) + 1
-    problem = problem_of(c, model, basis, (one,), start, (viscous, effect), [1e-3] * many, [(-np.inf, np.inf)] * many)
-    whole = [p.whole for p in (*viscous.parameters, *effect.parameters)]
-    problem = replace(problem, free=np.append(np.zeros(problem.base, dtype=bool), ~np.array(whole)), turns=0)
-    vector = np.concatenate([start.vector(), viscous.values, effect.values])
-    (kept,) = hold(problem, vector)
-    _, slopes, columns = residual(problem, vector, one, kept.moved, derive=True)
-    tried = [k for k, column in enumerate(columns) if column > problem.base]
-    assert len(tried) == many - 1 - sum(whole)
-    for k in tried:
-        step = np.zeros(len(vector))
-        step[columns[k]] = 1e-4 * max(abs(vector[columns[k]]), 1e-4)
-        ahead, behind = (residual(problem, vector + sign * step, one, kept.moved)[0] for sign in (1.0, -1.0))
-        found = (ahead - behind) / (2.0 * step[columns[k]])
-        assert 0.0 < np.abs(found - slopes[:, :, k]).max() <= close * np.abs(found).max(), columns[k]
+    one, viscous = replace(told()[3], index=3), CATALOGUE["link-viscous"](1, (0.1,))
+    for column, slope, found in by_differences((viscous, effect), one, [1e-3] * (1 + len(effect.values)), 1e-4):
+        assert 0.0 < np.abs(found - slope).max() <= close * np.abs(found).max(), column
 
 
 @pytest.mark.parametrize(
@@ -120,23 +129,9 @@ def test_derivatives_by_gains_and_shares_are_differences(effect: Effect, close: 
 )
 def test_derivatives_by_what_rings_are_as_exact_as_what_is_nearly_undone_by_others_needs(effect: Effect) -> None:
     """Off by 2e-3, of differences over 1e-4 of a stiffness, they ended fits of a link that bends at 5.7e3 Nm/rad, 121 above the chi^2 of its
-    15e3: six millionths of what stiffness, share and links do together is not undone by each other."""
-    c, model, basis, one, start = told()
-    many = len(effect.values)
-    problem = problem_of(c, model, basis, (one,), start, (effect,), np.abs(effect.values), [(-np.inf, np.inf)] * many)
-    whole = np.array([p.whole for p in effect.parameters])
-    problem = replace(problem, free=np.append(np.zeros(problem.base, dtype=bool), ~whole), turns=0)
-    vector = np.concatenate([start.vector(), effect.values])
-    (kept,) = hold(problem, vector)
-    _, slopes, columns = residual(problem, vector, one, kept.moved, derive=True)
-    tried = [k for k, column in enumerate(columns) if column >= problem.base]
-    assert len(tried) == many - whole.sum()
-    for k in tried:
-        step = np.zeros(len(vector))
-        step[columns[k]] = 1e-5 * vector[columns[k]]
-        ahead, behind = (residual(problem, vector + sign * step, one, kept.moved)[0] for sign in (1.0, -1.0))
-        found = (ahead - behind) / (2.0 * step[columns[k]])
-        assert np.abs(found - slopes[:, :, k]).max() <= 5e-5 * np.abs(found).max(), columns[k]
+    15e3: of what stiffness, share and links do together all but a ten millionth is undone by each other."""
+    for column, slope, found in by_differences((effect,), told()[3], np.abs(effect.values), 1e-5):
+        assert np.abs(found - slope).max() <= 5e-5 * np.abs(found).max(), column
 
 
 def test_what_is_pressed_against_its_bound_is_left_there() -> None:

@@ -67,7 +67,7 @@ def test_what_turns_is_as_stiff_as_joints_that_turn(monkeypatch: pytest.MonkeyPa
 
 
 def test_a_link_that_hardly_rings_promises_most_as_one_that_does_not() -> None:
-    """From one that rings it promised half of that, and was fitted to a tenth of the stiffness or a spring of a hundred times it."""
+    """One that rings promised half of that in other records, and was fitted to a third of the stiffness, or five times it."""
     bench, start = begun().bench, begun().start
     lin = linearised(start.problem, start.minimum.vector)
     best = catalogue(lin, (), at=("structure", 2))[0].effect

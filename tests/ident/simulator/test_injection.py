@@ -326,7 +326,7 @@ def test_a_change_comes_with_its_record(text: str) -> None:
 
 def test_what_couples_a_stiff_gear_to_a_light_joint_is_as_stiff_at_rest_as_at_speed() -> None:
     """Far below the mode of the spring its force is all but cancelled: half a percent of it, of how a step foresees the motion without
-    that force, was 11 times the noise at a tenth of a hertz."""
+    that force, was 11 times the noise, most of it below a hertz."""
     (level, _) = levels(CATALOGUE["motor-coupling"](3, (0.15, 2.0)), "joint6", (0.0,) * 6, robot="arm6", f0=0.2)
     assert level < 1.1
 
