@@ -36,7 +36,7 @@ HARDLY_MORE = 1.01
 STEPS, SETTLED, DAMPED, BEHIND = 20, 1e-4, (0.5, 2.0, 0.125), 0.25
 #: Dry friction stops a joint within so small a part of a sample that it takes so many times as many.
 STOPS = 2
-#: chi^2 of what the motion changes by where forces of second order are those of it, below which it is not found again.
+#: chi^2 of what the motion changes by where forces of second order, or dry friction, are those of it, below which it is not found again.
 MOVED = 1.0
 #: Growth of the change from one step to the next, from the least, that ends them too.
 DIVERGED = 100.0
@@ -73,8 +73,9 @@ def _smoothed(
         scene = replace(scene, oversampled=STOPS * scene.oversampled)
     arm = LikelyMotion.of(scene, p, effects, start.second, sampling, powers)
     on = {key: Force.of(arm.scene, x) for key, x in signals(arm.scene, effects, start.motion).items()}
-    best, least = on, arm.misfit(on)
     laws = {key: _laws(effects, key[0], int(scene.arm.live[key[1]])) for key in on}
+    on |= {key: _as_last(arm, key, slid[key]) for key in slid.keys() & on.keys() if laws[key][0]}
+    best, least = on, arm.misfit(on)
     rubbing, springy = ([key for key, at in laws.items() if at[kind]] for kind in (0, 1))
     at_once = all(_at_once(effects, port, int(scene.arm.live[k])) for port, k in on) and len(on) <= 1
     mixture, vain, most = Mixture(), 0, MOST_SWEEPS if not at_once and turns >= TURNS else SWEEPS
@@ -86,7 +87,8 @@ def _smoothed(
         hopeless = not misfit < AWAY * least or vain == IN_VAIN
         if misfit < HARDLY_MORE * least:
             best, least = on, min(misfit, least)
-        agree = all(now.near(on[key], SAME) for key, now in before.items()) or (bool(rubbing) and at_once)
+        agree = all(now.near(on[key], SAME) for key, now in before.items())
+        agree = agree or (bool(rubbing) and (at_once or arm.changed(before, on) < MOVED))
         if start.second is not None:  # told by a motion under forces that followed from what was measured
             links = arm.likely(best)[1][arm.inside]
             arm, felt = arm.with_second(second_order(scene, p, effects, links, arm.moving(best)))
@@ -183,6 +185,13 @@ class Mixture:
         """The forces as numbers in a row, each by its size."""
         rows = zip(on.values(), self.sizes, strict=True)
         return np.concatenate([np.append(np.array(x.lines).view(float), x.mean) / size for x, size in rows])
+
+
+def _as_last(arm: LikelyMotion, key: Key, last: Slid) -> Force:
+    """The dry force at a port as it was found `last`."""
+    scene, (port, k) = arm.scene, key
+    side = float(np.sign(scene.arm.N[k])) if port == "motor" else 1.0
+    return Force.of(scene, -side * told_by(last[1].astype(float), scene.samples))
 
 
 def _sliding(

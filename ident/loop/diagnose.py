@@ -21,7 +21,16 @@ from ident.effects.learned import Learned
 from ident.errors import IdentError
 from ident.records.campaign import Campaign
 from ident.records.frf import Frf, estimate
-from ident.search.added import Added, exchanged, largest_first, of_another_size, pruned, renamed, was_named
+from ident.search.added import (
+    Added,
+    exchanged,
+    in_its_place,
+    largest_first,
+    of_another_size,
+    pruned,
+    renamed,
+    was_named,
+)
 from ident.search.apart import apart
 from ident.search.changes import told_of
 from ident.search.choice import Tried
@@ -370,14 +379,13 @@ def _loop(
         state, added = in_each_record(bench, state, added)
         missing, tried_from = (), state
         if may_be_bent(bench, start, state):  # is what was missing the way, or is more missing?
-            missing = one_more(bench, state)
-            if not missing:
+            state, missing = one_more(bench, state, added[-1].others)
+            if missing:
+                tried_from, added = state, in_its_place(tried_from, state, added)
+            else:
                 state = begun_afresh = afresh(bench, state)
-        if (
-            not (missing or bench.split.note)
-            and share_left(bench, start, state) > MUCH
-            and may_bend(bench, start, state)
-        ):
+        by_records = not (missing or bench.split.note)
+        if by_records and share_left(bench, start, state) > MUCH and may_bend(bench, start, state):
             break  # lines of every record tell more
         state, added = apart(bench, state, added)
         state, added = exchanged(bench, state, added)

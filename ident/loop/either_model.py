@@ -80,7 +80,7 @@ def _diagnosed(
         beside = simplest.beside(found.end, found.split)
         if found.left <= NAMED:
             left = reduced_chi2(*beside)
-            does = left <= NAMED or (left > CLOSE and bool(one_more(*beside)))  # as they are, or with one name more
+            does = left <= NAMED or (left > CLOSE and bool(one_more(*beside)[1]))  # as they are, or with one name more
             if left > CLOSE and not does:
                 return found, notes
             if does and found.added:
@@ -102,7 +102,7 @@ def _diagnosed(
             return False
         left = reduced_chi2(bench, state)
         far = alone or reduced_chi2(*general.beside(state, split, most=MAYBE * left)) < FAR * left
-        gives = far and not one_more(bench, state)
+        gives = far and not one_more(bench, state)[1]
         if not gives:
             stayed.add(names)
         return gives

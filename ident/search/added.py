@@ -90,11 +90,20 @@ def exchanged(bench: Bench, state: State, added: list[Added]) -> tuple[State, li
         by_curve = isinstance(added[-1].effect, Learned)
         if best.select > state.select - least or (by_curve and reduced_chi2(bench, best) > CLOSE):
             continue
-        new = next(e for e in best.effects if all(not same(e, old) for old in state.effects))
-        bench.say(f"  instead of {told(entry.effect)}, {told(new)}: {reduced_chi2(bench, best):.4g}")
-        rivals = ((entry.effect, entry.after), *(one for one in entry.rivals if not same(one[0], new)))
-        state, added = best, [*added[:k], replace(entry, effect=new, rivals=rivals, tied=()), *added[k + 1 :]]
+        state, added = best, in_its_place(state, best, added)
+        bench.say(f"  instead of {told(entry.effect)}, {told(added[k].effect)}: {reduced_chi2(bench, best):.4g}")
     return state, added
+
+
+def in_its_place(state: State, new: State, added: list[Added]) -> list[Added]:
+    """The entries, that of an effect of which the `new` model has another one in the place with that."""
+    found = [e for e in new.effects if all(not same(e, old) for old in state.effects)]
+    for effect in found:
+        k = next(k for k, a in enumerate(added) if all(not same(a.effect, e) for e in new.effects))
+        entry = added[k]
+        rivals = ((entry.effect, entry.after), *(one for one in entry.rivals if not same(one[0], effect)))
+        added = [*added[:k], replace(entry, effect=effect, rivals=rivals, tied=()), *added[k + 1 :]]
+    return added
 
 
 def left_without(bench: Bench, state: State, old: Effect) -> State:

@@ -40,14 +40,20 @@ ALMOST = 1.3
 LEAVES, LEAVES_UNBENT, HARDLY, WOUND_UP = 0.7, 2.0, 0.1, 0.2
 
 
-def one_more(bench: Bench, state: State) -> list[Tried]:
-    """The names tried beyond a model, one of which leaves hardly anything where there is much: the model is not far astray then, but that
-    is missing. None if none does."""
+def one_more(bench: Bench, state: State, others: Sequence[State] = ()) -> tuple[State, list[Tried]]:
+    """The names tried beyond a model, or beyond one of the `others` than its last effect, one of which leaves hardly anything where there is
+    much: the model is not far astray then, but that is missing. The model and none if none does."""
     if bench.late or reduced_chi2(bench, state) <= CLOSE:
-        return []
+        return state, []
     least = min(NAMED + CURVE_SHARE * (reduced_chi2(bench, state) - NAMED), CLOSE)
-    tried = _further(bench, state, lambda effect: least, lambda effect: True)
-    return tried if _does(bench, tried, lambda effect: least) else []
+
+    def most(effect: Effect) -> float:
+        return least
+
+    tried = _further(bench, state, most, lambda effect: True)
+    if _does(bench, tried, most):
+        return state, tried
+    return _with_a_rival(bench, state, others, tried, most) or (state, [])
 
 
 def leading_to_one_more(
@@ -76,25 +82,28 @@ def leading_to_one_more(
     more = _further(bench, lead, most, lambda effect: _of_two_causes(best.candidate.effect, effect))
     if _does(bench, more, most):
         return names, (lead, more)
-    return names, _with_a_rival(bench, lead, names, more, most)
+    two = best, *sorted(more, key=left_by)[:1]
+    if any(winds_up(one.candidate.effect) or one.candidate.effect.dry for one in two):
+        return names, None
+    return names, _with_a_rival(bench, lead, [one.state for one in best_names(names)], more, most)
 
 
 def _with_a_rival(
-    bench: Bench, lead: State, names: Sequence[Tried], more: Sequence[Tried], most: Callable[[Effect], float]
+    bench: Bench, lead: State, others: Sequence[State], more: Sequence[Tried], most: Callable[[Effect], float]
 ) -> tuple[State, list[Tried]] | None:
-    """The model with a name of the joint of `lead` in its place that leaves hardly more, and the best of one `more` beside that, if both
-    leave nothing but noise: what delays a torque is told from what lags by what both leave, if nothing else is missing."""
+    """The model with one of the `others` of the joint of `lead` in its place that leaves hardly more, and the best of one `more` beside that,
+    if both leave nothing but noise: what delays a torque is told from what lags by what both leave, if nothing else is missing."""
     second, effect = min(more, key=left_by, default=None), lead.effects[-1]
-    if second is None or any(winds_up(e) or e.dry for e in (effect, second.candidate.effect)):
+    if second is None:
         return None
-    for other in best_names(names):
-        at_its_place = other.candidate.effect.joint == effect.joint and not same(other.candidate.effect, effect)
-        if bench.late or not at_its_place or left_by(other) > ALMOST * lead.select:
+    for other in others:
+        new = other.effects[-1]
+        if bench.late or new.joint != effect.joint or same(new, effect) or other.select > ALMOST * lead.select:
             continue
-        both = fitted(bench, replace(instead(second.state, effect, other.state), roughly=HASTILY))
-        bench.say(f"  with {told(other.state.effects[-1])} instead: {reduced_chi2(bench, both):.4g}")
+        both = fitted(bench, replace(instead(second.state, effect, other), roughly=HASTILY))
+        bench.say(f"  with {told(new)} instead: {reduced_chi2(bench, both):.4g}")
         if _does(bench, [second.refitted(both)], most):
-            return finer(bench, other.state), [second.refitted(both)]
+            return finer(bench, other), [second.refitted(both)]
     return None
 
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ident.arm.arm_fit import hold, residual
+from ident.arm.arm_fit import Problem, hold, residual
 from ident.arm.coupled import declared_start, problem_of
 from ident.arm.evidence import evidence, gravity_basis
 from ident.arm.sliding import TURNS
 from ident.effects.base import Effect
+from ident.records.campaign import Array
 from ident.records.frf import estimate
 from ident.simulator.bench import design, head, run
 from symgen.chain import Chain
@@ -30,7 +32,7 @@ def arm(name: str) -> tuple[Robot, Chain, Model]:
     return robot, chain, make_model(chain, believe_zeros=True)
 
 
-def levels(
+def recorded(
     effect: Effect,
     joint: str,
     posture: tuple[float, ...],
@@ -38,8 +40,8 @@ def levels(
     robot: str = "ypp3",
     f0: float = 0.5,
     seed: int = 4,
-) -> tuple[float, float]:
-    """chi^2 per degree of freedom of the true arm in one record: with the laws of the measured motion, and of the smoothed one."""
+) -> tuple[Problem, Array]:
+    """One record of an arm with effects, as it is to be fitted, and its true parameters."""
     effects, (declared, chain, model) = (effect, *besides), arm(robot)
     declared = replace(declared, experiment=replace(declared.experiment, f0=f0, periods=5))
     (job,) = design(chain, declared, [(joint, posture)], seed=seed, effects=effects)
@@ -51,11 +53,17 @@ def levels(
     values = [value for one in effects for value in one.values]
     scales, limits = tuple(map(abs, values)), ((-np.inf, np.inf),) * len(values)
     problem = problem_of(campaign, model, basis, data, start, effects, scales, limits)
-    vector = np.concatenate([start.vector(), values])
+    return problem, np.concatenate([start.vector(), values])
+
+
+def levels(effect: Effect, joint: str, posture: tuple[float, ...], *besides: Effect, **how: Any) -> tuple[float, float]:
+    """chi^2 per degree of freedom of the true arm in one record, see `recorded`: with the laws of the measured motion, and of the
+    smoothed one."""
+    problem, vector = recorded(effect, joint, posture, *besides, **how)
     found = []
     for turns in (0, TURNS):
         tried = replace(problem, turns=turns)
         (kept,) = hold(tried, vector)
-        r = residual(tried, vector, data[0], kept.moved)[0]
+        r = residual(tried, vector, problem.data[0], kept.moved)[0]
         found.append(float(np.sum(np.abs(kept.W @ r[..., None]) ** 2)) / r.size)
     return found[0], found[1]

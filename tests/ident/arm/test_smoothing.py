@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from levels import levels
+from levels import levels, recorded
 from outside import OneWayDamper
 from scipy.integrate import solve_ivp
 
+import ident.arm.smoothing
 from ident.arm.acting import _aside
+from ident.arm.arm_fit import hold, slides
 from ident.arm.arm_model import Posture
 from ident.arm.likely_motion import Force, Forces
 from ident.arm.scene import Scene
 from ident.arm.sliding import TURNS, Meeting, in_turns
-from ident.arm.smoothing import Mixture
+from ident.arm.smoothing import SAME, Mixture
 from ident.effects.base import Effect
 from ident.effects.friction import LinkCoulomb, LoadDependentFriction, MotorCoulomb, MotorQuadraticDrag, MotorStribeck
 from ident.effects.hysteresis import LinkHysteresis, SpringHysteresis
@@ -70,6 +73,23 @@ def test_true_parameters_explain_a_record_with_the_motion_they_make(
     by_measured, by_smoothed = levels(effect, joint, (0.0, 0.4, 0.8), f0=f0, seed=seed)
     assert by_smoothed < smoothed
     assert by_measured > measured
+
+
+def test_friction_by_the_load_is_looked_for_under_the_load_with_which_it_was_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else sweeps tell that load anew, as often as the first time."""
+    problem, vector = recorded(LoadDependentFriction(0, (0.4,)), "joint1", (0.0, 0.4, 0.8), f0=1.0)
+    problem = replace(problem, turns=TURNS)
+    found: list[Forces] = []
+    swept = ident.arm.smoothing._swept
+    monkeypatch.setattr(ident.arm.smoothing, "_swept", lambda *args: found.append(swept(*args)) or found[-1])
+    first = hold(problem, vector)
+    sweeps = len(found)
+    hold(replace(problem, slid=slides(problem, first)), vector)
+    assert sweeps > 2 and len(found) == sweeps + 1
+    ((key, force),) = found[-1].items()
+    assert force.near(found[sweeps - 1][key], 5 * SAME)
 
 
 @pytest.mark.bench

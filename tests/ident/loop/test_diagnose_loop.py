@@ -194,14 +194,14 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
 ) -> None:
     """By stand-ins: a model is what it leaves, per degree of freedom."""
     start, bent, straight = (
-        SimpleNamespace(select=left, left=left, effects=(SimpleNamespace(name="link-viscous", parameters=()),))
+        SimpleNamespace(select=left, left=left, effects=(SimpleNamespace(name="link-viscous", joint=0, parameters=()),))
         for left in (9.0, 5.0, 1.0)
     )
     asked: list[State] = []
 
     def another(bench: Bench, state: State, *_: object) -> tuple[State, list[SimpleNamespace]]:
         asked.append(state)
-        return (bent if state is start else straight), [SimpleNamespace(partly=())]
+        return (bent if state is start else straight), [SimpleNamespace(partly=(), others=())]
 
     stand_ins = dict.fromkeys(
         ("apart", "exchanged", "pruned", "in_each_record"), lambda bench, state, added: (state, added)
@@ -211,14 +211,14 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
         "is_suspect": lambda bench, state: False,
         "is_little": lambda bench, start, state: False,
         "another": another,
-        "one_more": lambda bench, state: ["name"] * does,
+        "one_more": lambda bench, state, others: (state, ["name"] * does),
         "elsewhere": lambda bench, state, effect: state,
         "explains": lambda *of: True,
         "afresh": lambda bench, state: straight,
     }
     _instead(monkeypatch, stand_ins)
     bench = SimpleNamespace(split=SimpleNamespace(note="by lines"), late=False, say=lambda line: None)
-    added = [SimpleNamespace(partly=())] * (2 if does else 1)
+    added = [SimpleNamespace(partly=(), others=())] * (2 if does else 1)
     assert _loop(bench, start) == (straight, added)
     assert asked == ([start, bent] if does else [start])
 

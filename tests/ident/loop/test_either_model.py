@@ -225,7 +225,7 @@ def test_links_that_leave_far_less_without_effects_come_first(
         )
 
     monkeypatch.setattr(ident.loop.either_model, "begin", begun)
-    monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: named)
+    monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: (state, named))
     found = diagnose_either(campaign(0.0, 1))[0]
     assert runs == order and bool(found.model.factoring.believed) == believed
 
@@ -257,7 +257,7 @@ def test_what_general_links_explain_far_better_and_no_name_is_theirs(
         return SimpleNamespace(departs=True, alone=9.0, diagnosed=diagnosed, beside=beside_them, bench=bench)
 
     monkeypatch.setattr(ident.loop.either_model, "begin", begun)
-    monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: named)
+    monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: (state, named))
     diagnose_either(campaign(0.0, 1))
     assert asked == [gives_way] * 3
     assert tried == [MAYBE * left] * (3 if gives_way else 2), "beside the same effects they are asked once"
@@ -311,7 +311,7 @@ def test_what_general_links_explain_alone_gives_way_to_them_unless_one_name_more
         return begins
 
     monkeypatch.setattr(ident.loop.either_model, "begin", begun)
-    monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: named)
+    monkeypatch.setattr(ident.loop.either_model, "one_more", lambda bench, state: (state, named))
     diagnose_either(campaign(0.0, 1))
     named = True
     diagnose_either(campaign(0.0, 1))

@@ -62,8 +62,9 @@ def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
 ) -> None:
     """Of a little any name may leave nothing."""
     beyond += [name(0, 90.0, 150.0), name(1, 80.0, best)]
-    tried = one_more(BENCH, name(2, 0.0, left)[1])
-    assert bool(tried) == does
+    state = name(2, 0.0, left)[1]
+    same, tried = one_more(BENCH, state)
+    assert same is state and bool(tried) == does
 
 
 @pytest.mark.parametrize("carries", [False, True])
@@ -209,3 +210,27 @@ def test_what_lags_leads_where_what_delays_leaves_something_beside_a_second_name
     )
     if found:
         assert [e.name for e in found[1][0].state.effects] == ["torque-lag", "torque-scale"]
+
+
+@pytest.mark.parametrize(
+    ("rival", "both", "found"),
+    [
+        (delayed("torque-lag", 1, 55.0), 1.4, "torque-lag"),
+        (delayed("torque-lag", 1, 55.0), 5.0, None),
+        (delayed("torque-lag", 0, 55.0), 1.4, None),
+        (delayed("torque-lag", 1, 90.0), 1.4, None),
+    ],
+)
+def test_one_more_is_tried_beside_what_left_hardly_more_than_the_effect_that_was_added(
+    rival: Tried, both: float, found: str | None, beyond: list[Tried], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A delay and a lag leave nearly the same while friction is missing."""
+    state, friction = delayed("input-delay", 1, 50.0)[1], name(1, 90.0, 8.0, dry=True)
+    beyond.append(friction)
+    monkeypatch.setattr(ident.search.one_more, "instead", lambda state, old, other: Refit(np.zeros(1), (), (), ()))
+    monkeypatch.setattr(ident.search.one_more, "fitted", lambda bench, refit: SimpleNamespace(select=both))
+    model, tried = one_more(BENCH, state, [rival.state])
+    assert (model is state) == (not tried) == (found is None)
+    if found:
+        assert model.effects[-1].name == found
+        assert tried[0].candidate is friction.candidate and tried[0].state.select == both
