@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm.arm_fit import Problem, Slides, chi_squared, hold, unexpected
+from ident.arm.arm_fit import Problem, Slides, chi_squared, hold, slides, unexpected
 from ident.arm.arm_model import Parameters
 from ident.arm.coupled import DOUBTS, problem_of
 from ident.arm.descent import Minimum, minimise
@@ -256,27 +256,28 @@ def fitted(bench: Bench, refit: Refit) -> State:
             else:
                 minimum = minimise(problem, _as_declared(bench, refit), refit.doubts, refit.outer, refit.roughly)
             problem = replace(problem, slid=minimum.slid)
-            chi2 = _left(problem, minimum.vector, select)
+            chi2, slid = _left(problem, minimum.vector, select)
             if minimum.weighed is not None and chi2 / degrees(select) > ASTRAY * minimum.weighed[1] / degrees(fit):
                 vector, before = minimum.weighed  # the motions held were no longer those of where it went
-                less = _left(problem, vector, select)
+                less, there = _left(problem, vector, select)
                 if less < chi2:
-                    minimum, chi2 = replace(minimum, vector=vector, chi2=before), less
+                    minimum, chi2, slid = replace(minimum, vector=vector, chi2=before), less, there
             if len(select) < len(every) and chi2 <= NAMED * degrees(select):  # which others may leave more of
-                select, chi2 = every, _left(problem, minimum.vector, every)
-            minimum = _by_all_lines(problem, minimum, degrees(bench.split.fit) / degrees(fit))
+                select, (chi2, slid) = every, _left(problem, minimum.vector, every)
+            minimum = _by_all_lines(problem, replace(minimum, slid=slid), degrees(bench.split.fit) / degrees(fit))
     except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
         nothing = np.zeros((len(refit.vector), len(refit.vector)))
         minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
     effects, left = problem.effects_at(minimum.vector), chi2 * degrees(bench.split.select) / degrees(select)
-    problem = replace(problem, turns=TURNS)  # what it is asked later it tells as closely as any
+    problem = replace(problem, turns=TURNS, slid=minimum.slid)  # what it is asked later it tells as closely as any
     return State(effects, refit.scales, refit.limits, minimum, problem, left, refit.roughly, refit.followed)
 
 
-def _left(problem: Problem, vector: Array, select: tuple[Evidence, ...]) -> float:
-    """chi^2 of records that choose."""
+def _left(problem: Problem, vector: Array, select: tuple[Evidence, ...]) -> tuple[float, Slides]:
+    """chi^2 of records that choose, and where dry friction was found in these, too."""
     chosen = replace(problem, data=select)
-    return chi_squared(chosen, vector, hold(chosen, vector))
+    held = hold(chosen, vector)
+    return chi_squared(chosen, vector, held), slides(chosen, held)
 
 
 def own_records(part: Sequence[Evidence], effect: Effect) -> tuple[Evidence, ...]:

@@ -76,6 +76,15 @@ def test_what_leaves_nothing_by_few_records_in_haste_is_asked_of_all(monkeypatch
     assert by_first > NAMED and by_both == pytest.approx(by_first)
 
 
+def test_friction_is_looked_for_where_it_was_found_in_the_records_that_choose_too() -> None:
+    (one,) = bench().split.fit
+    both = replace(bench(), split=replace(bench().split, select=(replace(one, index=1),)))
+    rubs = CATALOGUE["motor-coulomb"](1, (1e-3,))
+    refit = Refit(np.append(bench().guess.vector(), rubs.values), (rubs,), (1e-3,), ((0.0, 1.0),), 1, HASTILY)
+    state = fitted(both, refit)
+    assert set(state.minimum.slid) == set(state.problem.slid) == set(Refit.of(state).slid) == {0, 1}
+
+
 def test_few_lines_tell_deviations_as_all_would() -> None:
     start = Refit(bench().guess.vector(), (), (), (), 1)
     few, whole = (fitted(bench(), one).minimum.information.diagonal() for one in (replace(start, lines=12), start))
