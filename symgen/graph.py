@@ -27,8 +27,9 @@ from symgen.notation import entry_text
 #: makes the cheapest recursion.
 _CARRIERS = (9, 5, 7, 8, 4, 1, 2, 6, 3, 0)
 
-#: A parameter is taken when its part outside the span of those taken before is larger than this, relative to it.
-_PASSES = (0.3, 0.03, 1e-9)
+#: A parameter is taken when its part outside the span of those taken before is larger than this share of it, and of a share of the
+#: largest: what is left of one that hardly matters is rounding. Then that is taken of which most is outside, or nearly so.
+_PASSES, _SMALL, _MOST = (0.3, 0.03), 0.1, 0.99
 
 #: Below this, relative to the sum of the magnitudes it came from, a number is rounding of zero.
 _ZERO = 1e-13
@@ -83,25 +84,27 @@ def carriers(W: Array, scale: Array) -> tuple[list[int], Array]:
     """
     D, width = W.shape
     order = np.array([10 * k + a for k in range(width // 10) for a in _CARRIERS])
-    left = (W / scale).T
+    left = (W / scale / np.linalg.norm(W / scale, axis=1)[:, None]).T[order]
     size = np.linalg.norm(left, axis=1)
+    size = np.maximum(size, _SMALL * size.max())
     columns: list[int] = []
-    for threshold in _PASSES:
-        while len(columns) < D:
-            outside = np.linalg.norm(left[order], axis=1) > threshold * np.maximum(size[order], 1e-300)
-            if not outside.any():
-                break
-            columns.append(int(order[np.argmax(outside)]))
-            direction = left[columns[-1]] / np.linalg.norm(left[columns[-1]])
-            left = left - np.outer(left @ direction, direction)
+    while len(columns) < D:
+        outside = np.linalg.norm(left, axis=1)
+        enough = (*(share * size for share in _PASSES), _MOST * outside.max())
+        at = next(int(np.argmax(outside > least)) for least in enough if (outside > least).any())
+        columns.append(int(order[at]))
+        direction = left[at] / outside[at]
+        left = left - np.outer(left @ direction, direction)
     columns.sort()
     return columns, _inverse(np.vectorize(rounded)(W[:, columns]))
 
 
 def _inverse(B: Array) -> Array:
-    """Gauss-Jordan with row pivoting, elementwise operations only; entries that are rounding of zero are zero."""
+    """Gauss-Jordan with row pivoting, elementwise operations only; entries that are rounding of zero are zero. Rows are made alike first,
+    by powers of two: constants that hardly matter have small ones."""
     D = len(B)
-    M = np.column_stack([B, np.eye(D)])
+    alike = np.exp2(-np.round(np.log2(np.abs(B).max(axis=1))))
+    M = np.column_stack([B * alike[:, None], np.diag(alike)])
     for k in range(D):
         pivot = k + int(np.argmax(np.abs(M[k:, k])))
         M[[k, pivot]] = M[[pivot, k]]

@@ -1,8 +1,8 @@
-"""Pinocchio as judge: J(q) of the factoring against the composite-rigid-body algorithm at random postures."""
+"""Pinocchio as judge: J(q) of the factoring, and of the functions written, against the composite-rigid-body algorithm at random postures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from symgen.basis import Factoring
 from symgen.chain import REVOLUTE, Array, Chain
+from symgen.emit import functions
 from symgen.errors import SymgenError
 from symgen.inertia import monomials
 from symgen.pinocchio_arm import alone, configurations, joint_ids
@@ -30,7 +31,7 @@ _ELSEWHERE = 10.0
 class Verdict:
     """Largest error of any J_ij over `postures` random postures, relative to the largest entry of J.
 
-    `error` of the trigonometric form and of the regressor on the chain as snapped; `as_written` that of the chain against
+    `error` of the trigonometric form, of the regressor and of the functions that are written, on the chain as snapped; `as_written` that of the chain against
     Pinocchio's own reading of the file (it holds what snapping changed); None where Pinocchio does not read the file.
     `allowed`: `TOLERANCE`, and what dropping constants cost (`Factoring.cost`); `allowed_as_written`: `READING`, infinite
     where angles were snapped.
@@ -65,6 +66,7 @@ def verify(factoring: Factoring, postures: int = 200, seed: int = 0) -> Verdict:
         if entry.complete:
             trigonometric = monomials(entry, q) @ (factoring.S[i, j] @ alpha)
             error = max(error, float(np.abs(trigonometric - J[:, i, j]).max()))
+    error = max(error, *(float(np.abs(written - J).max()) for written in _written(factoring, q)))
     read = _model_of_file(chain)
     verdict = Verdict(
         postures=postures,
@@ -81,6 +83,17 @@ def verify(factoring: Factoring, postures: int = 200, seed: int = 0) -> Verdict:
             f"its largest entry (expected <= {allowed:g}): please report this robot"
         )
     return verdict
+
+
+def _written(factoring: Factoring, q: Array) -> Iterator[Array]:
+    """J(q) [m, n, n], or its diagonal put in the place of that of J, as the functions have it that are written."""
+    found, alpha, n = functions(factoring), factoring.alpha_cad, factoring.chain.n
+    J = np.array(found["J"].map(len(q))(q.T, alpha)).reshape(n, len(q), n).swapaxes(0, 1)
+    yield J
+    rows = np.array(found["C_rows"].map(len(q))(q.T)).reshape(n, len(q), factoring.d).swapaxes(0, 1)
+    by_rows = J.copy()
+    by_rows[:, range(n), range(n)] = rows @ alpha[: factoring.d]
+    yield by_rows
 
 
 def _model_of_chain(chain: Chain) -> Any:

@@ -73,9 +73,9 @@ def _smoothed(
         scene = replace(scene, oversampled=STOPS * scene.oversampled)
     arm = LikelyMotion.of(scene, p, effects, start.second, sampling, powers)
     on = {key: Force.of(arm.scene, x) for key, x in signals(arm.scene, effects, start.motion).items()}
-    laws = {key: _laws(effects, key[0], int(scene.arm.live[key[1]])) for key in on}
-    on |= {key: _as_last(arm, key, slid[key]) for key in slid.keys() & on.keys() if laws[key][0]}
     best, least = on, arm.misfit(on)
+    laws = {key: _laws(effects, key[0], int(scene.arm.live[key[1]])) for key in on}
+    on = on | {key: _as_last(arm, key, slid[key]) for key in slid.keys() & on.keys() if laws[key][0]}
     rubbing, springy = ([key for key, at in laws.items() if at[kind]] for kind in (0, 1))
     at_once = all(_at_once(effects, port, int(scene.arm.live[k])) for port, k in on) and len(on) <= 1
     mixture, vain, most = Mixture(), 0, MOST_SWEEPS if not at_once and turns >= TURNS else SWEEPS

@@ -8,6 +8,7 @@ import pytest
 from arms import arm, factoring_of
 from chains import own
 
+import symgen.graph
 from symgen.basis import factor
 from symgen.chain import Inertia, Snap
 from symgen.errors import SymgenError
@@ -37,6 +38,13 @@ def test_what_was_dropped_is_allowed_and_no_more() -> None:
     assert verify(replace(wrong, cost=1e-9)).ok
     with pytest.raises(SymgenError, match="expected <= "):
         verify(replace(wrong, cost=1e-11))
+
+
+def test_functions_that_are_written_otherwise_than_derived_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    inverse = symgen.graph._inverse
+    monkeypatch.setattr(symgen.graph, "_inverse", lambda B: inverse(B) * (1 + 1e-9))
+    with pytest.raises(SymgenError, match="differs from Pinocchio's by 1.0e-09 of its largest entry"):
+        verify(factoring_of("ypp3"))
 
 
 def test_slides_are_judged_over_their_limits() -> None:
