@@ -125,7 +125,7 @@ def grid_steps(text: str, chain: Chain) -> Array:
     Raises PlanError for any other text.
     """
     number = r"\s*(\d+\.?\d*|\.\d+)\s*"
-    found = re.fullmatch(f"{number}(deg|rad)\\s*(?:,{number}(mm|cm|m)\\s*)?", text)
+    found = re.fullmatch(f"{number}(deg|rad)\\s*(?:,{number}(mm|cm|m)\\s*)?", text, re.ASCII)
     turn = float(found[1]) * _UNITS[found[2]] if found else 0.0
     slide = float(found[3]) * _UNITS[found[4]] if found and found[3] else _SLIDE
     if not (_FINEST <= turn <= np.pi and _FINEST <= slide <= 1e3):

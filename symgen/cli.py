@@ -32,17 +32,19 @@ def _parser() -> argparse.ArgumentParser:
         epilog="symgen plan DIR --plot draws the plan in a directory that -o wrote (symgen plan --help).",
     )
     parser.add_argument("urdf", metavar="URDF", nargs="?", help="the robot; a robot.toml beside it is read too")
-    parser.add_argument("-o", dest="out", metavar="DIR", help="write plan, functions and equations here")
+    parser.add_argument("-o", dest="out", metavar="DIR", type=_stated, help="write plan, functions and equations here")
     parser.add_argument(
         "--check",
         metavar="DIR",
         help="compare the files there with what would be written for URDF (default: DIR/../../robots/NAME/NAME.urdf)",
     )
-    parser.add_argument("--base", metavar="LINK", help="first link of the arm (default: the root)")
+    parser.add_argument("--base", metavar="LINK", type=_stated, help="first link of the arm (default: the root)")
     parser.add_argument(
-        "--tip", metavar="LINK", help="last link of the arm (default: end of the longest run of joints)"
+        "--tip", metavar="LINK", type=_stated, help="last link of the arm (default: end of the longest run of joints)"
     )
-    parser.add_argument("--at", metavar="NAME=VALUE,..", help="freeze these joints there [rad or m]; default 0")
+    parser.add_argument(
+        "--at", metavar="NAME=VALUE,..", type=_stated, help="freeze these joints there [rad or m]; default 0"
+    )
     parser.add_argument(
         "--believe-zeros",
         action=argparse.BooleanOptionalAction,
@@ -76,6 +78,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--no-verify", action="store_true", help="do not compare J(q) with Pinocchio's")
     parser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
     return parser
+
+
+def _stated(text: str) -> str:
+    """The text of an option; argparse.ArgumentTypeError for none, as of a shell variable that is not set."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("empty; expected a text, or no such option")
+    return text
 
 
 def _plan_parser() -> argparse.ArgumentParser:
@@ -182,8 +191,11 @@ def _plan(options: argparse.Namespace) -> int:
         raise SymgenError(f"-o {out}: a directory; expected a file to write")
     svg = plot_of(options.directory, options.urdf or urdf_of(options.directory))
     beside = out.with_name(f".{out.name}-{os.getpid()}")
-    beside.write_text(svg, encoding="utf-8")
-    os.replace(beside, out)
+    try:
+        beside.write_text(svg, encoding="utf-8")
+        os.replace(beside, out)
+    except OSError as error:
+        raise SymgenError(f"-o {out}: can not be written: {error.strerror}") from None
     print(out)
     return 0
 

@@ -56,6 +56,8 @@ def _tester(chain: Chain, urdf: Path) -> tuple[Mask | None, str]:
     except (ValueError, RuntimeError) as error:
         return None, f"not tested: {' '.join(str(error).split())[:120]}"
     test = _pairs(pin, model, geometry, chain)
+    if test is None:
+        return None, f"not tested: no two of the {shapes} collision shapes are on links that may touch"
     note = f"tested with {shapes} collision shapes" + (f", {missing} meshes not found" if missing else "")
     return test, note
 
@@ -115,6 +117,8 @@ def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
         hits += [test(k, q) for k in range(len(pairs))]
     by_hits = np.argsort(-hits, kind="stable").tolist()  # what touches often is tested first
     pairs = [pairs[k] for k in by_hits if hits[k] < _ALWAYS * _TRIALS]
+    if not pairs:
+        return None
     _set_pairs(pin, geometry, pairs)
     hulls_touch, shapes_touch = _Test(pin, model, _hulls(geometry)), _Test(pin, model, geometry)
     is_hull = [_is_hull(shape.geometry) for shape in shapes]

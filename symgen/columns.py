@@ -30,6 +30,9 @@ _ENOUGH = 50
 #: Steps [rad or m] tried around every run, smaller each time.
 _REACHES, _STEPS = (0.6, 0.2, 0.07), 8
 
+#: Singular value of the rows of runs, of the largest, below which they do not determine what they tell.
+_UNTOLD = 1e-7
+
 #: Runs are exchanged until no exchange raises log det by more than this.
 _GAIN = 1e-3
 
@@ -48,16 +51,23 @@ class ColumnDesign:
 
 
 class _Blocks:
-    """Rows of runs over the constants, scaled: blocks [m, n, D] of (joint [m], q [m, n])."""
+    """Rows of runs over the constants, scaled: blocks [m, n, D] of (joint [m], q [m, n]).
 
-    def __init__(self, factoring: Factoring, rotor: Array):
+    The constants are mixed so that all of J over the workspace tells each as well as another: some hardly matter.
+    """
+
+    def __init__(self, factoring: Factoring, rotor: Array, workspace: Array):
         self.factoring, self.rotor = factoring, rotor
+        self.alike = np.eye(len(factoring.alphas))
+        everywhere = self.everything(workspace).reshape(-1, len(self.alike)) / np.sqrt(len(workspace))
+        size = np.linalg.norm(everywhere, axis=0)
+        self.alike = np.linalg.inv(np.linalg.qr(everywhere / size, mode="r")) / size[:, None]
 
     def everything(self, q: Array) -> Array:
         """All entries [m, n, n, D], scaled by sigma_ij."""
         rows = J_rows(self.factoring, q)
         sigma = np.sqrt(np.einsum("miid,d->mi", rows, self.factoring.alpha_cad) + self.rotor)
-        return rows / (sigma[:, :, None] * sigma[:, None, :])[..., None]
+        return rows / (sigma[:, :, None] * sigma[:, None, :])[..., None] @ self.alike
 
 
 def _gain(blocks: Array, covariance: Array) -> Array:
@@ -82,9 +92,9 @@ def plan_columns(
     Raises NoPlanError where the postures found do not determine all constants.
     """
     n, D = factoring.chain.n, len(factoring.alphas)
-    blocks = _Blocks(factoring, np.zeros(n) if rotor is None else rotor)
-    allowed = box(factoring.chain.limits)
-    everywhere = blocks.everything(spread(factoring.chain.limits, _WORKSPACE, 0.123))
+    workspace = spread(factoring.chain.limits, _WORKSPACE, 0.123)
+    blocks = _Blocks(factoring, np.zeros(n) if rotor is None else rotor, workspace)
+    allowed, everywhere = box(factoring.chain.limits), blocks.everything(workspace)
     q = _allowed(spread(allowed, _CANDIDATES, 0.5), feasible)
     if len(q) < _ENOUGH:
         q = Holding(factoring.chain, allowed, feasible).found(_ENOUGH)
@@ -92,7 +102,7 @@ def plan_columns(
         raise _none(factoring)
     joints = np.tile(np.arange(n), len(q))
     postures, rows = np.repeat(q, n, axis=0), blocks.everything(q).reshape(-1, n, D)
-    prior = 1e-6 * np.einsum("mijd,mije->de", everywhere, everywhere, optimize=True) / _WORKSPACE
+    prior = 1e-6 * np.eye(D)
     runs: list[int] = []
     longest = most or D
     while True:
@@ -127,11 +137,10 @@ def _allowed(q: Array, feasible: Mask | None) -> Array:
 
 def _amplification(everywhere: Array, F: Array) -> Array:
     """Amplification of every entry [n, n] by the runs with rows F [N n, D]; infinite where they do not determine it."""
-    information = F.T @ F
-    if np.linalg.cond(information) > 1e14:
+    _, sizes, directions = np.linalg.svd(F, full_matrices=False)
+    if len(sizes) < F.shape[1] or sizes[-1] < _UNTOLD * sizes[0]:
         return np.full(everywhere.shape[1:3], np.inf)
-    half = np.linalg.cholesky(np.linalg.inv(information))
-    rms: Array = np.sqrt(((everywhere @ half) ** 2).sum(axis=-1).mean(axis=0))
+    rms: Array = np.sqrt(((everywhere @ (directions.T / sizes)) ** 2).sum(axis=-1).mean(axis=0))
     return rms
 
 

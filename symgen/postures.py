@@ -40,6 +40,9 @@ _AT_ONCE = 8
 #: The weak prior of the wider model, in measurements spread over the pool.
 _PRIOR = 1e-2
 
+#: Eigenvalue of that, of its largest, below which a direction is not shown by the pool.
+_UNSEEN = 1e-13
+
 #: Steps by which the spare cells are moved, together.
 _SPARE_STEPS = 60
 
@@ -91,7 +94,7 @@ def spare_cells(
     prediction by the wider model varies most, given the planned ones and a weak prior.
     """
     G, F = rows.of_cells(pool, of=wider), rows.of_cells(planned, of=wider)
-    M = F.T @ F + _PRIOR * G.T @ G / len(G)
+    M = F.T @ F + _prior(G)
     chosen, left = planned[np.arange(0)], np.ones(len(pool), dtype=bool)
     while len(chosen) < count and left.any():
         leverage = np.where(left, np.einsum("Nd,de,Ne->N", G, np.linalg.inv(M), G, optimize=True), -1.0)
@@ -107,11 +110,19 @@ def spare_cells(
     return chosen
 
 
+def _prior(G: Array) -> Array:
+    """What is known of the wider model beforehand, by its rows of a pool; directions that the pool does not show matter nothing."""
+    M: Array = _PRIOR * G.T @ G / len(G)
+    sizes, directions = np.linalg.eigh(M)
+    unseen = directions[:, sizes < _UNSEEN * sizes[-1]]
+    return M + sizes[-1] * unseen @ unseen.T
+
+
 def moved_spare(wider: Rows, planned: Cells, spare: Cells, pool: Cells, holding: Holding) -> Cells:
     """Returns the cells `spare` with their postures moved, all together, to where the wider model is tied down best; as they
     were where that brings nothing or is not feasible. Prior and `pool` as for `spare_cells`."""
     F, G = wider.of_cells(planned), wider.of_cells(pool)
-    known = F.T @ F + _PRIOR * G.T @ G / len(G)
+    known = F.T @ F + _prior(G)
 
     def information(F: Array) -> Array:
         M: Array = known + F.T @ F

@@ -15,6 +15,7 @@ from symgen.chain import Chain
 from symgen.errors import PlanError, SymgenError
 from symgen.postures import Effort
 from symgen.robot import Robot, load_robot
+from symgen.urdf_xml import number
 
 PLAN_FILE = "plan.json"
 
@@ -164,13 +165,12 @@ def _robot_of(urdf: Path) -> Robot | None:
 
 
 def _frozen_at(text: str | None) -> dict[str, float]:
-    out = {}
+    out: dict[str, float] = {}
     for item in text.split(",") if text else ():
-        name, separator, value = item.rpartition("=")
-        try:
-            out[name.strip()] = float(value)
-        except ValueError:
-            separator = ""
-        if not separator or not name.strip():
+        name, _, value = item.rpartition("=")
+        if not name.strip():
             raise SymgenError(f"--at {item!r}: expected NAME=VALUE with a number in rad or m")
+        if name.strip() in out:
+            raise SymgenError(f"--at {text!r}: {name.strip()!r} stands there twice; expected once")
+        out[name.strip()] = number(value, f"--at {item!r}")
     return out

@@ -15,8 +15,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from symgen import angles
-from symgen.chain import PRISMATIC, REVOLUTE, Array, Chain, Inertia, Joint, Snap, skew
+from symgen.chain import PRISMATIC, REVOLUTE, Array, Chain, Inertia, Joint, Snap
 from symgen.errors import UrdfError
+from symgen.kinematics import inertia_matrix
 from symgen.urdf_arm import Arm, choose_arm
 from symgen.urdf_tree import Body, Choice, RawJoint, Tree, read_tree
 from symgen.urdf_xml import decode, read_bytes, shown
@@ -25,6 +26,7 @@ from symgen.urdf_xml import decode, read_bytes, shown
 # to its last digit or breaks it by 0.2 % and more (mostly 10-100 %: made up, or copied from another link).
 _PHYSICAL = 1e-3
 _POINT_RADIUS = 1e-6  # m: moments of m (1 um)^2 are those of a point mass, written with rounding
+_POSTURES = 8  # at which a joint is asked whether it feels any inertia
 _Pose = tuple[Array, Array]  # rotation [3, 3] and origin [3, m] of a frame
 
 
@@ -113,10 +115,12 @@ def _chain(text: str, digest: str, stem: str, choice: Choice, snap: bool) -> Cha
     arm = choose_arm(tree, choice.base, choice.tip, choice.at)
     tolerance = angles.SNAP if snap else angles.ROUNDING
     placed, bodies, lumped = _lump(tree, arm, tolerance)
-    _check_bodies(arm, bodies, tolerance)
+    _check_masses(arm, bodies)
     joints = tuple(_joint(raw, placed[raw.name], bodies[raw.name], tolerance) for raw in arm.moving)
     snaps = tuple(found for raw in tree.behind(arm.base) for found in _snaps(raw, tree.links[raw.child], tolerance))
-    return Chain(tree.name or stem, joints, arm.base, arm.tip, text, digest, snaps, dict(arm.resting), lumped)
+    chain = Chain(tree.name or stem, joints, arm.base, arm.tip, text, digest, snaps, dict(arm.resting), lumped)
+    _check_inertia(chain)
+    return chain
 
 
 def _lump(
@@ -195,18 +199,23 @@ def _inertia(link: str, body: Body | None, tolerance: float) -> Inertia:
     return Inertia(body.mass, body.xyz, R @ body.I @ R.T)
 
 
-def _check_bodies(arm: Arm, bodies: Mapping[str, Inertia], tolerance: float) -> None:
+def _check_masses(arm: Arm, bodies: Mapping[str, Inertia]) -> None:
     for joint in arm.moving:
         if bodies[joint.name].mass <= 0.0:
             raise UrdfError(
                 f"link {shown(joint.child)} behind joint {shown(joint.name)} is massless, with all that is fixed to it"
                 "; expected an <inertial> with mass > 0"
             )
-    last = arm.moving[-1]
-    body, (axis, _) = bodies[last.name], angles.unit_axis(last.axis, tolerance)
-    about_axis = axis @ (body.I - body.mass * skew(body.com) @ skew(body.com)) @ axis
-    if last.type != PRISMATIC and about_axis <= body.mass * _POINT_RADIUS**2:
-        raise UrdfError(
-            f"link {shown(last.child)} has no inertia about the axis of joint {shown(last.name)}, which moves it; "
-            "expected a body, not a point on the axis"
-        )
+
+
+def _check_inertia(chain: Chain) -> None:
+    """UrdfError where a joint turns points on its own axis only, however the others stand."""
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (_POSTURES, chain.n))
+    felt = np.einsum("mii->mi", inertia_matrix(chain, q)).max(axis=0)
+    carried = np.cumsum([joint.inertia.mass for joint in chain.joints[::-1]])[::-1]
+    for joint, inertia, mass in zip(chain.joints, felt, carried, strict=True):
+        if inertia <= mass * _POINT_RADIUS**2:
+            raise UrdfError(
+                f"link {shown(joint.link)} has no inertia about the axis of joint {shown(joint.name)}, which moves it, nor has what it "
+                "carries; expected a body, not points on the axis"
+            )

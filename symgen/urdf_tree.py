@@ -16,6 +16,8 @@ from symgen.urdf_xml import MAX_LENGTH, MAX_NUMBER, attribute, needed, number, o
 _ACTUATED = ("revolute", "continuous", "prismatic")
 _TYPES = (*_ACTUATED, "fixed", "floating", "planar")
 _LARGEST_FLOAT = 1.7976931348623157e308
+_LONGEST_NAME = 1000  # characters
+_LONGEST_ROW = 1000  # joints behind each other, fixed ones too: other readers of URDFs recurse on them
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +142,10 @@ def _new_name(element: ET.Element, taken: Mapping[str, object]) -> str:
     name = attribute(element, "name", f"<{element.tag}> number {len(taken) + 1}")
     if not name.strip():
         raise UrdfError(f"<{element.tag}> number {len(taken) + 1}: the name is empty")
+    if len(name) > _LONGEST_NAME:
+        raise UrdfError(
+            f"{element.tag} {shown(name)}: a name of {len(name)} characters; expected at most {_LONGEST_NAME}"
+        )
     if name in taken:
         raise UrdfError(f"two {element.tag}s are named {shown(name)}; expected distinct names")
     return name
@@ -245,10 +251,16 @@ def _connected(name: str, links: Mapping[str, Body | None], joints: Mapping[str,
         names = ", ".join(map(shown, roots[:8])) + (", .." if len(roots) > 8 else "")
         raise UrdfError(f"{len(roots)} links have no parent joint: {names}; expected one root and all links connected")
     tree = Tree(name, roots[0] if roots else "", links, joints, above, below)
-    reached = {*roots, *(joint.child for joint in tree.behind(tree.root))}
+    depth = dict.fromkeys(roots, 0)
+    for joint in tree.behind(tree.root):
+        depth[joint.child] = depth[joint.parent] + 1
     for link in links:
-        if link not in reached:
+        if link not in depth:
             raise UrdfError(f"the joints form a circle through link {shown(_on_circle(link, above))}; expected a tree")
+        if depth[link] > _LONGEST_ROW:
+            raise UrdfError(
+                f"link {shown(link)} is behind more than {_LONGEST_ROW} joints; expected fewer, fixed ones too"
+            )
     return tree
 
 

@@ -122,9 +122,13 @@ def test_symgen_refuses_what_is_no_file(path: str, expected: str, refused: Bench
 
 FLAGS = [
     (["--at", "joint1"], "--at 'joint1': expected NAME=VALUE"),
-    (["--at", "joint1=wide"], "--at 'joint1=wide': expected NAME=VALUE"),
-    (["--at", "joint1=nan"], "at: 'joint1' = nan; expected a finite number"),
-    (["--at", "joint1=1e999"], "at: 'joint1' = inf; expected a finite number"),
+    (["--at", "joint1=wide"], "--at 'joint1=wide': found 'wide', expected a finite number"),
+    (["--at", "joint1=nan"], "--at 'joint1=nan': found 'nan', expected a finite number"),
+    (["--at", "joint1=1_0"], "--at 'joint1=1_0': found '1_0', expected a finite number"),
+    (["--at", "joint1=1e999"], "--at 'joint1=1e999': found '1e999', expected at most 1e+06"),
+    (["--at", "joint1=0,joint1=1"], "'joint1' stands there twice"),
+    (["--at", ""], "argument --at: empty"),
+    (["-o", ""], "argument -o: empty"),
     (["--at", "joint9=0"], "at: no moving joint 'joint9'; moving joints are 'joint1', 'joint2', 'joint3'"),
     (["--at", "joint2=9"], "at: 'joint2' = 9; expected a value within the joint's limits [-2.6, 2.6]"),
     (["--at", ",;="], "expected NAME=VALUE"),

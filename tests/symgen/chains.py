@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from arms import crba, model_of
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from symgen.chain import PRISMATIC, REVOLUTE, Chain, Inertia, Joint, skew
 from symgen.urdf import load_chain
@@ -106,6 +107,18 @@ def judge(chain: Chain, q: np.ndarray) -> np.ndarray:
 def own(name: str) -> Chain:
     """One of the robots of this repository."""
     return load_chain(REPOSITORY / "robots" / name / f"{name}.urdf")
+
+
+def calibrated(chain: Chain, off: float) -> Chain:
+    """The arm with every joint turned by `off` [rad] and moved by a third of that [m]."""
+    rng = np.random.default_rng(1)
+    joints = [
+        replace(
+            j, R=j.R @ Rotation.from_rotvec(off * rng.normal(size=3)).as_matrix(), p=j.p + off / 3 * rng.normal(size=3)
+        )
+        for j in chain.joints
+    ]
+    return replace(chain, joints=tuple(joints))
 
 
 def _unit(rng: np.random.Generator) -> np.ndarray:

@@ -183,6 +183,12 @@ def test_a_grid_that_is_too_coarse_is_named_with_what_stays_open() -> None:
         gridded(rows_of(factoring), factoring, None, grid="90deg")
 
 
+def test_spare_cells_are_chosen_where_the_grid_shows_not_all_of_what_may_be_there() -> None:
+    """Of the nine constants of a general arm, this grid shows seven."""
+    cells, extra = gridded(rows_of(factoring_of("ypp3", believe_zeros=True)), factoring_of("ypp3"), None, grid="90deg")
+    assert (len(cells), extra.sum()) == (8, 2)
+
+
 def test_a_joint_with_no_multiple_in_its_range_is_named() -> None:
     factoring = factoring_of("panda")
     with pytest.raises(NoPlanError, match="panda_joint4: no multiple of 3.14159 rad"):

@@ -161,3 +161,19 @@ def test_a_mesh_is_not_its_hull(tmp_path: Path, held: np.ndarray, solid: bool) -
     else:  # the triangle at height h reaches to 0.1 - h / 2 on either side
         expected = (z < 0.25) & (np.abs(x) < 0.05 + 0.1 - np.maximum(z - 0.05, 0) / 2)
     assert np.array_equal(found, expected)
+
+
+def test_shapes_that_touch_wherever_the_joints_stand_are_no_test(tmp_path: Path) -> None:
+    """They overlap by construction: none is left to be tested."""
+    ball = '<collision><geometry><sphere radius="1"/></geometry></collision>'
+    body = '<inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joints = "".join(
+        f'<joint name="j{k}" type="continuous"><parent link="l{k}"/><child link="l{k + 1}"/><axis xyz="0 0 1"/></joint>'
+        for k in range(2)
+    )
+    path = tmp_path / "balls.urdf"
+    path.write_text(
+        f'<robot name="r"><link name="l0">{ball}</link><link name="l1">{body}</link><link name="l2">{ball}{body}</link>{joints}</robot>'
+    )
+    touches = SelfCollision(load_chain(path), path)
+    assert not touches(np.zeros((3, 2))).any()

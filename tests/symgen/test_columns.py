@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chains import calibrated
 
 from symgen.basis import factor
 from symgen.cells import spread
@@ -34,6 +35,14 @@ def test_the_runs_tell_all_of_the_matrix(chain: Chain) -> None:
     low, high = box(chain.limits).T
     assert (plan.q >= low).all() and (plan.q <= high).all()
     assert plan.amplification.max() <= 1.3
+
+
+def test_an_arm_that_is_nearly_special_has_a_plan_too(chain: Chain) -> None:
+    """Two of its constants hardly matter, but any run tells them as well as they matter."""
+    near = calibrated(chain, 3e-4)
+    factoring = factor(near)
+    plan = plan_columns(factoring)
+    assert len(factoring.alphas) == 15 and len(plan.joint) <= 10 and plan.amplification.max() < 1.3
 
 
 def test_the_stated_amplification_is_what_noise_does(chain: Chain) -> None:

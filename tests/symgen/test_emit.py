@@ -17,8 +17,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from arms import arm, crba, factoring_of, model_of, random_arm
-from chains import own
-from scipy.spatial.transform import Rotation
+from chains import calibrated, own
 
 from symgen.basis import factor
 from symgen.chain import Chain, Inertia
@@ -36,18 +35,6 @@ REAL = ["ypp3", "ur5", "panda", "xarm7", "kinova", "z1"]
 
 def draw(chain: Chain, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-1.5, 1.5, chain.n)
-
-
-def calibrated(chain: Chain, off: float) -> Chain:
-    """The arm with every joint turned by `off` [rad] and moved by a third of that [m]."""
-    rng = np.random.default_rng(1)
-    joints = [
-        replace(
-            j, R=j.R @ Rotation.from_rotvec(off * rng.normal(size=3)).as_matrix(), p=j.p + off / 3 * rng.normal(size=3)
-        )
-        for j in chain.joints
-    ]
-    return replace(chain, joints=tuple(joints))
 
 
 def matrix(function: ca.Function, *arguments: np.ndarray) -> np.ndarray:
