@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -38,7 +39,8 @@ _started: dict[str, Any] = {}
 
 
 def _start(work: Callable[[Any], Any], items: Sequence[Any]) -> None:
-    """What a worker does and to what, handed over by the fork."""
+    """What a worker does and to what, handed over by the fork; an interrupt is for the process that asks."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _started.update(work=work, items=items)
 
 

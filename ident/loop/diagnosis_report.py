@@ -30,6 +30,7 @@ from ident.loop.effect_words import (
     share_off,
     values,
 )
+from ident.loop.either_model import ENDED
 from ident.loop.held_out import HeldOut, felt, gains, held_out, reconstructed, with_few_lines
 from ident.search.deviations import ALONE, BESIDE, SIGMAS
 from ident.search.trace import PORTS
@@ -106,6 +107,7 @@ def sentence(verdict: dict[str, Any], few: Collection[str] = ()) -> str:
         but = joined([f"{name} ({times:.2g} times the noise)" for name, times in _beyond(e, few)])
         return f"{found}; with {pronoun} it explains the records{', but for ' if but else ''}{but}."
     left = place(verdict["unexplained"][0]) if verdict["unexplained"] else "the records"
+    left += ", when the search was ended for time" if any(note.startswith(ENDED) for note in verdict["notes"]) else ""
     if not effects:
         return f"Something acts that nothing in the catalogue explains: {left}."
     before, after = (verdict["error"][when]["all"] for when in ("before", "after"))

@@ -19,11 +19,14 @@ from ident.identification.campaign_model import model_of_campaign
 from ident.loop.diagnose import Begun, Diagnosis, begin
 from ident.loop.zeros import far_from_zero
 from ident.records.campaign import Campaign
+from ident.records.faults import refuse
 from ident.records.frf import estimate
 from ident.search.one_more import one_more
 from ident.search.refits import CLOSE, NAMED, State, reduced_chi2
 from symgen.plan import model_of_urdf
 
+#: What a note begins with that says of a verdict that time ran out before it.
+ENDED = "The search was ended"
 #: General links are tried where they leave less than this share of what is left when zeros are believed, beside the same
 #: effects, and taken where they do with their own.
 BETTER = 0.8
@@ -49,12 +52,13 @@ def diagnose_either(
     """Returns the diagnosis of a campaign and notes on its constants; `believe_zeros` None lets the records decide.
 
     Nothing new is looked for after so many `seconds` [s]: what was found by then is told.
-    Raises IdentError for a campaign without usable records.
+    Raises IdentError for a campaign without usable records, or one with a fault of the recording (`ident.records.faults`): what bends the
+    fit of a wrong sign or unit is no effect.
     """
     until = time.monotonic() + seconds
     found, notes = _diagnosed(campaign, believe_zeros, workers, say, until)
     if time.monotonic() > until and (found.status == "unexplained" or found.left > NAMED):
-        notes += (f"The search was ended after {seconds:.0f} s: a longer one may find more (--minutes).",)
+        notes += (f"{ENDED} after {seconds:.0f} s: a longer one may find more (--minutes).",)
     return found, notes
 
 
@@ -62,6 +66,8 @@ def _diagnosed(
     campaign: Campaign, believe_zeros: bool | None, workers: int, say: Callable[[str], None], until: float
 ) -> tuple[Diagnosis, tuple[str, ...]]:
     """As `diagnose_either`, until a time."""
+    if campaign.records:
+        refuse(campaign, model_of_urdf(campaign.urdf, campaign.joints))
     responses = tuple(estimate(record, campaign) for record in campaign.records)
     model, notes = model_of_campaign(campaign, responses, believe_zeros, "coupled")
     general = begin(campaign, model, responses, workers, until, say)

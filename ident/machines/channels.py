@@ -130,21 +130,22 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
     channels, time = _channels(variables, names)
     heard = _excitation(channels, path)
     channels = [replace(channel, kind=_kind(channel, heard)) for channel in channels]
+    heard = replace(heard, channel=next(c for c in channels if c.values is heard.channel.values))
     if not names and (names := _words(channels, path)):
         channels = [_of_word(channel, names) for channel in channels]
     torques = _joints([c for c in channels if c.kind in ("torque", "current") and not c.commanded])
     torques = torques or _joints([c for c in channels if c.kind in ("torque", "current")])
     angles = _joints([c for c in channels if c.kind == "angle" and not c.commanded])
-    count = max(len(group) for group in torques)
     if not names:
-        names = tuple(f"joint{k + 1}" for k in range(count))
+        names = tuple(f"joint{k + 1}" for k in range(max(map(len, torques))))
     torques, angles = ([group for group in groups if len(group) == len(names)] for groups in (torques, angles))
     if not torques or not angles:
         raise ImportingError(
             f"{path}: found no torque and angle of each of {', '.join(names)}; expected one channel a joint "
             f"among {', '.join(c.name for c in channels[:20])}"
         )
-    excited = max(range(len(names)), key=lambda k: float(np.std(torques[0][k].values)))
+    loud = [(torque is heard.channel, float(np.std(torque.values))) for torque in torques[0]]
+    excited = max(range(len(names)), key=loud.__getitem__)
     motor, link = _motor_and_link(angles, excited, heard)
     speeds = _joints([c for c in channels if c.kind == "velocity" and not c.commanded])
     speed = _derivative([group for group in speeds if len(group) == len(names)], motor, excited, heard, variables, time)

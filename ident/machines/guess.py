@@ -47,7 +47,7 @@ def _text_of_log(found: Named) -> str:
         unit, swing = _angle_unit(angle)
         rows += ["", f"[joint.{key(name)}]"]
         rows += ["J_l_kgm2 = 1.0  # CHECK: no URDF says it"] if found.urdf is None else []
-        of_torque, side = 'unit = "A"' if current else 'unit = "Nm"', ', side = "joint"'
+        of_torque, side = f'unit = "{_torque_unit(torque, current)}"', ', side = "joint"'
         rows += [
             "# N = 100  # motor revolutions per joint revolution, if one of the sides below is the motor's",
             f"torque = {_signal(torque, of_torque + side)}  # CHECK unit and side",
@@ -70,7 +70,7 @@ def _text(found: Found, files: int) -> str:
     heard, fs = found.heard, found.time.rate if found.time else found.rate
     commanded = found.torque[found.excited].commanded or heard.channel is found.torque[found.excited]
     hold = "zoh" if commanded else "band-limited"
-    alone = found.urdf is None
+    alone, why = found.urdf is None, "most periodic" if heard.channel is found.torque[found.excited] else "largest"
     order = "  # CHECK: base to tip" if alone and len(found.names) > 1 else ""
     rows = [
         f"# A guess from {found.path.name}: check every line that says CHECK, then: ident import --map map.toml FILE.. -o out.h5",
@@ -88,7 +88,7 @@ def _text(found: Found, files: int) -> str:
     rows += [
         "",
         "[record]",
-        f"excited = {quoted(found.names[found.excited])}  # its torque is the largest; CHECK",
+        f"excited = {quoted(found.names[found.excited])}  # its torque is the {why}; CHECK",
         "posture_rad = [0]"
         if alone and len(found.names) == 1
         else 'posture_rad = "measured"  # CHECK: or the angles at rest',
@@ -127,8 +127,9 @@ def _joint(found: Found, k: int) -> list[str]:
     rows.append(f"N = {N}  # CHECK: motor revolutions per joint revolution")
     if found.urdf is None:
         rows.append(f"J_l_kgm2 = {_inertia(found, k, float(N)):.2g}  # half of what the lowest lines feel, as a start")
-    kind = 'unit = "A"' if torque.kind == "current" else 'unit = "Nm"'
-    note = "CHECK: a current; add torque_constant_Nm_per_A if known" if torque.kind == "current" else "CHECK the unit"
+    current = torque.kind == "current"
+    kind = f'unit = "{_torque_unit(torque, current)}"'
+    note = "CHECK the unit: a current; add torque_constant_Nm_per_A if known" if current else "CHECK the unit"
     rows.append(f"torque = {_signal(torque, kind)}  # {note}")
     offset = ', offset = "posture"' if found.urdf is None and len(found.names) == 1 else ""
     sign = ", sign = -1" if opposed else ""
@@ -163,6 +164,12 @@ def _inertia(found: Found, k: int, N: float) -> float:
     w = 2 * np.pi * heard.lines[:count] * fs / heard.period
     size = np.abs(heard.spectrum(found.torque[k].values)[:count] / heard.spectrum(found.motor[k].values)[:count]) / w**2
     return float(N**2 * np.median(size) / 2) if np.isfinite(size).all() and np.median(size) > 0 else 1.0
+
+
+def _torque_unit(channel: Channel, current: bool) -> str:
+    """The unit of a torque or current as the map says it: thousandths where its name ends so."""
+    small = re.search(r"(?<![A-Za-z])m_?A\b" if current else r"(?<![A-Za-z])m_?Nm?\b", channel.name.replace("_", " "))
+    return ("m" if small else "") + ("A" if current else "Nm")
 
 
 def _angle_unit(channel: Channel) -> tuple[str, float]:

@@ -141,7 +141,7 @@ def played(campaign: Campaign, looks: list[Look]) -> Iterator[Fault]:
 
 def swapped(campaign: Campaign, looks: list[Look]) -> Iterator[tuple[int, int, Fault]]:
     """Pairs of joints whose encoders are exchanged: by their angles at rest, or by who answers the excited motor."""
-    for i, k in combinations(range(campaign.n), 2):
+    for i, k in combinations(range(campaign.n) if looks else (), 2):
         if _exchanged_at_rest(campaign, looks, i, k) or _exchanged_in_motion(campaign, looks, i, k):
             one, two = campaign.joints[i], campaign.joints[k]
             line = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 
 import pytest
 
@@ -18,6 +19,11 @@ def test_results_come_in_the_order_of_the_items(workers: int) -> None:
 def test_two_workers_are_other_processes() -> None:
     assert os.getpid() not in list(forked(lambda _: os.getpid(), range(4), 2))
     assert list(forked(lambda _: os.getpid(), range(4), 1)) == [os.getpid()] * 4
+
+
+def test_an_interrupt_is_for_the_process_that_asks() -> None:
+    """Else each worker prints where it was."""
+    assert list(forked(lambda _: signal.getsignal(signal.SIGINT), range(2), 2)) == [signal.SIG_IGN] * 2
 
 
 def test_an_error_is_raised_here() -> None:

@@ -21,6 +21,7 @@ from ident.loop.diagnose import status_of
 from ident.loop.diagnosis_json import verdict_document
 from ident.loop.diagnosis_report import html, not_held_out, sentence, text, todo
 from ident.loop.effect_words import meaning
+from ident.loop.either_model import ENDED
 from ident.loop.held_out import felt
 from ident.search.contradicted import Off
 from ident.search.deviations import Deviation
@@ -64,6 +65,8 @@ def test_what_is_unexplained_is_said_with_joint_port_band_and_parity(file):
     d = unexplained()
     v = verdict_document(d, [file])
     assert sentence(v).endswith("motor of joint2, 3-10 Hz, odd lines.")
+    late = verdict_document(d, [file], [f"{ENDED} after 240 s: a longer one may find more (--minutes)."])
+    assert sentence(late).endswith("motor of joint2, 3-10 Hz, odd lines, when the search was ended for time.")
     page = html(d, v)
     assert "What stays unexplained" in page and page.count("<svg") == 1
     assert "ident next" in " ".join(todo(v))

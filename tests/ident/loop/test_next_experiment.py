@@ -150,14 +150,23 @@ def test_what_was_measured_next_counts_as_measured(verdict, tmp_path):
     out, document = verdict
     first = planned(verdict, "postures")
     second = tmp_path / "next.h5"
-    records = [replace(campaign().records[1], id=f"{k:04d}", posture=cell.q) for k, cell in enumerate(first.cells)]
+    one = campaign().records[1]
+    records = [
+        replace(one, id=f"{k:04d}", posture=cell.q, theta=one.theta + 1e-9 * k) for k, cell in enumerate(first.cells, 1)
+    ]
     write_campaign(replace(campaign(), records=tuple(records)), second)
     both = [out / "campaign.h5", second]
     later = planned((out, document | {"input": document["input"] | told(both)}), "postures")
     new, old = (np.array([cell.q for cell in one.cells]) for one in (later, first))
     assert np.abs(new[:, None] - old).max(axis=2).min() > 0.3
     assert f"ident diagnose {both[0]} {second} next-2.h5 -o {out}." in later.text
-    assert [r.id for r in joined([*both, second]).records[-2:]] == [f"next-3/{k:04d}" for k in range(len(records))[-2:]]
+    third = tmp_path / "again" / "next.h5"
+    third.parent.mkdir()
+    others = [replace(record, theta=record.theta + 1e-6) for record in records]
+    write_campaign(replace(campaign(), records=tuple(others)), third)
+    assert [r.id for r in joined([*both, third]).records[-2:]] == [f"next-3/{r.id}" for r in others[-2:]]
+    with pytest.raises(IdentError, match="record 0001 has the samples of record 0001 of the files before"):
+        joined([both[0], both[0]])
 
 
 def test_each_posture_is_seen_from_every_joint_once():

@@ -493,6 +493,18 @@ def test_a_guess_is_a_map_that_gives_the_campaign_back(truth: Record, tmp_path: 
     same(brought(tmp_path, text, file), truth)
 
 
+def test_a_guess_knows_thousandths_and_whose_current_is_played(truth: Record, tmp_path: Path) -> None:
+    """Not the largest one, which answers a slow motion."""
+    tau = truth.tau.copy()
+    tau[:, 0] += 9.0 * np.abs(truth.tau).max() * np.sin(0.02 * np.arange(len(tau)))
+    file = csv(tmp_path / "record.csv", replace(truth, tau=tau))
+    note, heading, *rows = file.read_text().splitlines()
+    file.write_text("\n".join([note, re.sub(r"tau(\d)", r"axis\1_current_mA", heading), *rows]))
+    found = tomllib.loads(guess([file], URDF))
+    assert found["record"]["excited"] == truth.excited
+    assert {joint["torque"]["unit"] for joint in found["joint"].values()} == {"mA"}
+
+
 def test_a_guess_knows_motor_from_link_and_the_gear(tmp_path: Path) -> None:
     """One joint, two encoders under names that tell nothing, the link's the other way round: found by the data."""
     rng = np.random.default_rng(2)

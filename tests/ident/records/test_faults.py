@@ -14,6 +14,7 @@ import pytest
 from ident.effects.catalogue import parse
 from ident.errors import IdentError
 from ident.identification.identify import identify
+from ident.loop.either_model import diagnose_either
 from ident.records.campaign import Campaign, Record
 from ident.records.faults import FLAG, REFUSE, Fault, doubtful_ratio, faults, refuse
 from ident.records.signal_faults import flat_top, jumps, stuck
@@ -391,6 +392,20 @@ def test_identify_refuses_in_one_line() -> None:
     with pytest.raises(IdentError, match=r"^joint2: theta is in degrees.* \[1 more: wrong sign \(joint3\)\]$") as error:
         identify(campaign, method="two-mass")
     assert "\n" not in str(error.value)
+
+
+def test_a_diagnosis_refuses_in_one_line_too() -> None:
+    """What a wrong sign bends is no effect: it was told as a resonator, after four minutes."""
+    campaign = every_record(clean("ypp3"), lambda r: column(r, "theta", 2, np.negative))
+    with pytest.raises(IdentError, match="^joint3: theta has the wrong sign, .*: negate theta of joint3$"):
+        diagnose_either(campaign)
+
+
+def test_records_that_are_all_said_to_be_of_another_motor() -> None:
+    (one, *_) = clean("ypp3").records
+    wrong = replace(clean("ypp3"), records=(replace(one, excited="joint1" if one.excited != "joint1" else "joint2"),))
+    with pytest.raises(IdentError, match=f"but the multisine is on the motor of {one.excited}"):
+        refuse(wrong, model_of_urdf(wrong.urdf, wrong.joints))
 
 
 def test_a_gear_ratio_too_large_shows_in_what_is_identified() -> None:
