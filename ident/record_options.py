@@ -30,7 +30,12 @@ def add_target(sub: argparse.ArgumentParser) -> None:
 def add_lengths(sub: argparse.ArgumentParser) -> None:
     """Adds --spacing and --periods."""
     sub.add_argument("--spacing", type=float, metavar="HZ", help="of the lines, in place of robot.toml's")
-    sub.add_argument("--periods", type=int, metavar="N", help="recorded, the settling ones included, likewise")
+    sub.add_argument(
+        "--periods",
+        type=int,
+        metavar="N",
+        help="recorded, the settling ones included, likewise; more where transients last longer",
+    )
 
 
 def check(options: argparse.Namespace) -> None:
@@ -89,10 +94,10 @@ def told(found: Precision, options: argparse.Namespace) -> dict[str, Any]:
 
 def _share(text: str) -> float:
     """1% or 0.01, as a number."""
-    value = float(text[:-1]) / 100 if text.endswith("%") else float(text)
+    try:
+        value = float(text[:-1]) / 100 if text.endswith("%") else float(text)
+    except ValueError:
+        value = 0.0
     if not 0.0 < value < 1.0:
-        raise ValueError(text)
+        raise argparse.ArgumentTypeError(f"found {text!r}; expected a share such as 1% or 0.01")
     return value
-
-
-_share.__name__ = "share"  # as argparse calls it in "invalid share value"

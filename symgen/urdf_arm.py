@@ -60,7 +60,7 @@ def _check_moving(moving: tuple[RawJoint, ...], span: str) -> None:
         if joint.mimic:
             raise UrdfError(
                 f"{name} mimics {shown(joint.mimic.joint)}, and a serial arm has no such joint; "
-                "end the arm before it with --tip, freeze it with --at, or remove its <mimic>"
+                "end the arm before it with --tip, freeze it (--at, or at in robot.toml), or remove its <mimic>"
             )
         if joint.lower == joint.upper:
             raise UrdfError(f"{name}: <limit> lower = upper = {joint.lower:g}; expected room to move, or a fixed joint")

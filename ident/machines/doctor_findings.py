@@ -100,7 +100,7 @@ def of_plan(plan: Plan) -> list[Finding]:
             Finding(
                 f"no J_ii shows {one['directions']} directions of {one['entry']}",
                 "records of one joint alone leave them at CAD",
-                "ident fit --method coupled, which reads all motors",
+                "none needed with ident fit as it is: --method coupled reads all motors",
                 False,
             )
         )
@@ -132,7 +132,7 @@ def of_locks(plan: Plan, setups: Sequence[Setup]) -> list[Finding]:
             Finding(
                 f"held motors take up to {loose.held:.2g} of the excited one's motion",
                 "two masses then do not describe a joint",
-                "ident fit --method coupled, which reads all motors",
+                "none needed with ident fit as it is: --method coupled reads all motors",
                 False,
             )
         )

@@ -152,6 +152,11 @@ def import_files(mapping: Map, files: Sequence[str | Path]) -> Imported:
     notes += [f"{mapping.path}: [file.{name!r}]: no such file among those imported" for name in unused]
     currents = [joint.name for joint in mapping.joints if joint.signals["torque"].current]
     said = mapping.source
+    if currents and len(mapping.joints) > 1:
+        raise ImportingError(
+            f"{mapping.path}: torque of {', '.join(currents)} in A without torque_constant_Nm_per_A: of several joints that pull on each other "
+            "nothing is told then, as their torques have no unit in common; expected each joint's torque constant"
+        )
     if currents:
         unit = "no torque constant is known: read A for N m, A s2/rad for kg m2 and A/rad for N m/rad"
         said += f"; torque of {', '.join(currents)} in A, {unit}"
@@ -315,8 +320,22 @@ def _posture(file: SourceFile, joints: Sequence[JointMap], use: slice, period: i
     for joint in joints:
         if joint.signals["motor_angle"].offset is None:
             raise file.error(f'{joint.name}: posture_rad "measured" and offset "posture" take each from the other')
+        if _wraps_within_a_turn(joint):
+            raise file.error(
+                f'{joint.name}: posture_rad "measured", but its motor_angle wraps within a turn of the joint, so it does not tell which; '
+                "expected the link angles at rest"
+            )
     angles = [file.signal(joint, "motor_angle", use, period, 0.0)[-period:].mean() / joint.N for joint in joints]
     return np.array(angles)
+
+
+def _wraps_within_a_turn(joint: JointMap) -> bool:
+    """Whether readings of the motor's angle repeat themselves for angles of the joint less than a turn apart."""
+    signal = joint.signals["motor_angle"]
+    if signal.wrap is None:
+        return False
+    gear = 1.0 if signal.joint_side else abs(joint.N)
+    return bool(abs(signal.wrap * signal.scale) / gear < 2 * np.pi * (1.0 - 1e-6))
 
 
 def _rms(tau: Array, lines: NDArray[np.int64]) -> float:

@@ -213,7 +213,8 @@ def _two_mass(fit: TwoMass) -> dict[str, Any]:
 
 
 def _inertia_vs_cad(r: Identification) -> dict[str, Any]:
-    """J(q) against CAD at random postures: differences and sigma relative to the largest entry of CAD's J over them.
+    """J(q) against CAD at random postures: differences and sigma relative to the largest entry of CAD's J over them, or, as kg and kg m2
+    do not compare, to the largest sqrt(J_ii J_jj) where a joint slides (`relative_to`).
 
     Entry by entry [n, n] and over all entries; `own_per_entry` relative to that entry's own largest value, None where
     it is zero; sigma is the largest over the postures, None where it needs a constant that was not measured.
@@ -223,18 +224,22 @@ def _inertia_vs_cad(r: Identification) -> dict[str, Any]:
     scale = np.abs(J_cad).max()
     own = np.abs(J_cad).max(axis=0)
     present = own > 1e-9 * scale
-    off = np.abs(r.J(q) - J_cad) / scale
+    sizes = np.sqrt(own.diagonal())
+    mixed = any(map(r.model.chain.slides, range(r.campaign.n)))
+    over = np.outer(sizes, sizes) if mixed else np.full_like(own, scale)
+    off = np.abs(r.J(q) - J_cad) / over
     largest, rms = off.max(axis=0), np.sqrt(np.mean(off**2, axis=0))
     return {
         "postures": len(q),
         "seed": 0,
         "scale": scale,
+        "relative_to": "sqrt(J_ii J_jj) at its largest" if mixed else "the largest entry",
         "largest": largest.max(),
         "rms": np.sqrt(np.mean(off**2)),
-        "own_per_entry": np.where(present, largest * scale / np.where(present, own, 1.0), np.nan),
+        "own_per_entry": np.where(present, largest * over / np.where(present, own, 1.0), np.nan),
         "largest_per_entry": largest,
         "rms_per_entry": rms,
-        "sigma_per_entry": r.J_std(q).max(axis=0) / scale,
+        "sigma_per_entry": r.J_std(q).max(axis=0) / over,
     }
 
 
@@ -269,7 +274,7 @@ def _facts(r: Identification, document: dict[str, Any]) -> list[dict[str, Any]]:
         ("rigid bodies with these constants", "exist" if possible else "do not exist", _good(possible, r.explained),
          "" if possible else f"nearest ones {number(r.consistency.distance, 2)} σ away"),
         ("largest difference from CAD", f"{number(100 * against['largest'], 2)} %", None,
-         f"of the largest entry of J(q); {largest}"),
+         f"of {against['relative_to']} of J(q); {largest}"),
     ]  # fmt: skip
     if r.coupled is not None:  # one fit: nothing is left to agree or not
         rows = [row for row in rows if row[0] != "measurements agree"]

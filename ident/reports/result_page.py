@@ -65,10 +65,9 @@ def _notes(notes: tuple[str, ...], most: int | None) -> list[str]:
 
 
 def _findings(document: dict[str, Any]) -> list[str]:
-    largest = 100 * document["inertia_vs_cad"]["largest"]
-    rows = [
-        f"J(q) at {UNSEEN_POSTURES} postures never measured: within {largest:.3g} % of CAD's, relative to the largest entry."
-    ]
+    against = document["inertia_vs_cad"]
+    within = f"within {100 * against['largest']:.3g} % of CAD's, relative to {against['relative_to']}"
+    rows = [f"J(q) at {UNSEEN_POSTURES} postures never measured: {within}."]
     if "precision" in document:
         told = document["precision"]
         target, predicted, achieved = (_share(told[key]) for key in ("target", "predicted", "achieved"))

@@ -257,6 +257,28 @@ def test_a_zero_may_be_taken_from_the_posture_or_the_posture_from_the_angles(tru
     np.testing.assert_allclose(record.posture, record.theta[-2000:].mean(axis=0) / 100, rtol=1e-12)
 
 
+def test_a_reading_that_wraps_tells_no_posture(truth: Record, tmp_path: Path) -> None:
+    """Of the motor: it reads the same at a hundred angles of the joint. That of the joint's own turn tells which."""
+    np.savez(tmp_path / "record.npz", tau=truth.tau, theta=np.mod(truth.theta, 2 * np.pi))
+    text = SIDE_BY_SIDE.replace("NAME", "tau").replace("ANGLE", "theta") + "sample_rate_Hz = 1000\n"
+    text = re.sub("posture_rad.*", 'posture_rad = "measured"', text)
+    wraps = text.replace('unit = "rad"', f'unit = "rad", wrap = {2 * np.pi!r}')
+    with pytest.raises(ImportingError, match="joint1: .*wraps within a turn of the joint"):
+        brought(tmp_path, wraps, tmp_path / "record.npz")
+    np.savez(tmp_path / "record.npz", tau=truth.tau, theta=np.mod(truth.theta / 100 + 1.0, 2 * np.pi))
+    brought(
+        tmp_path,
+        wraps.replace('unit = "rad", wrap', 'unit = "rad", side = "joint", offset = 1.0, wrap'),
+        tmp_path / "record.npz",
+    )
+
+
+def test_currents_of_joints_that_pull_on_each_other_need_their_constants(truth: Record, tmp_path: Path) -> None:
+    text = NAMED.replace('unit = "Nm"', 'unit = "A"', 1) + "sample_rate_Hz = 1000\n"
+    with pytest.raises(ImportingError, match="torque of joint1 in A without torque_constant_Nm_per_A"):
+        brought(tmp_path, text, csv(tmp_path / "record.csv", truth))
+
+
 def test_each_file_may_be_told_apart(truth: Record, tmp_path: Path) -> None:
     """The second file has another number of periods and half a second before the first."""
     csv(tmp_path / "one.csv", truth)

@@ -193,6 +193,16 @@ def test_a_pair_above_the_band_is_reported_with_a_remedy(good):
     assert "widen the band" in entry["remedy"]
 
 
+def test_entries_of_kg_and_kg_m2_are_no_shares_of_each_other(good, monkeypatch):
+    """Of a heavy slide's mass, a distal inertia that is a fifth off was next to nothing."""
+    monkeypatch.setattr(type(good.model.chain), "slides", lambda chain, joint: joint == 0)
+    alpha = good.model.alpha_cad.copy()
+    alpha[0] *= 1.2  # J_33, the smallest
+    against = report.result_document(replace(good, alpha_all=alpha))["inertia_vs_cad"]
+    assert against["largest_per_entry"][2][2] == pytest.approx(0.2, rel=1e-9)
+    assert against["relative_to"] == "sqrt(J_ii J_jj) at its largest"
+
+
 def test_differences_from_cad_are_relative_to_the_largest_entry_and_to_the_own_one(good):
     scaled = replace(good, alpha_all=1.01 * good.model.alpha_cad)
     against = report.result_document(scaled)["inertia_vs_cad"]
