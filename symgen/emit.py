@@ -182,7 +182,7 @@ def _source(factoring: Factoring, robot: str, expressions: Mapping[str, Any]) ->
     macro = robot.upper()
     constants = f"const double {robot}_alpha_cad[{macro}_D] = {{\n{values}}};\n"
     include = f'#include "symgen_{robot}.h"\n'
-    return "\n".join([_banner(factoring, robot), include, generator.dump().strip() + "\n", constants, *wrappers])
+    return "\n".join([_banner(factoring, robot), include, _graphs(generator), constants, *wrappers])
 
 
 def identified_source(factoring: Factoring, alpha: Array, robot_name: str) -> dict[str, str]:
@@ -209,7 +209,16 @@ def identified_source(factoring: Factoring, alpha: Array, robot_name: str) -> di
         f"{call}\n{{\n  const double *arg[{function.sz_arg()}];\n  double *res[{function.sz_res()}];\n"
         f"  arg[0] = q;\n  res[0] = J[0];\n  {robot}_J_identified_graph(arg, res, 0, 0, 0);\n}}\n"
     )
-    return {"J.h": header, "J.c": "\n".join([banner, '#include "J.h"\n', generator.dump().strip() + "\n", body])}
+    return {"J.h": header, "J.c": "\n".join([banner, '#include "J.h"\n', _graphs(generator), body])}
+
+
+def _graphs(generator: ca.CodeGenerator) -> str:
+    """What CasADi generates, whose functions all take workspace, needed or not: no warning of that is of any use."""
+    quiet, loud = (
+        f"#if defined(__GNUC__)\n#pragma GCC diagnostic {action}\n{more}#endif\n"
+        for action, more in (("push", '#pragma GCC diagnostic ignored "-Wunused-parameter"\n'), ("pop", ""))
+    )
+    return f"{quiet}{generator.dump().strip()}\n{loud}"
 
 
 def _signature(robot: str, name: str) -> str:

@@ -5,6 +5,10 @@
 
 #include "symgen_ypp3.h"
 
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
 /* How to prefix internal symbols */
 #ifdef CASADI_CODEGEN_PREFIX
   #define CASADI_NAMESPACE_CONCAT(NS, ID) _CASADI_NAMESPACE_CONCAT(NS, ID)
@@ -779,6 +783,9 @@ int ypp3_regressor_graph_work_bytes(casadi_int *sz_arg, casadi_int* sz_res, casa
   if (sz_w) *sz_w = 0*sizeof(casadi_real);
   return 0;
 }
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
 
 const double ypp3_alpha_cad[YPP3_D] = {
   0.046599999999847,

@@ -34,7 +34,7 @@ def run(*words: object) -> str:
 @pytest.fixture(scope="module")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("examples")
-    strict = ("-Wall", "-Werror", "-O1")
+    strict = ("-Wall", "-Wextra", "-Werror", "-O1")
     run("gcc", "-std=c99", *strict, "-c", FOLDER / "symgen_ypp3.c", "-o", folder / "symgen_ypp3.o")
     source = (EXAMPLES / "use_c.cpp", folder / "symgen_ypp3.o")
     run("g++", "-std=c++17", *strict, f"-I{FOLDER}", *source, "-o", folder / "use_c")

@@ -252,7 +252,7 @@ needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compile
 def library(directory: Path, robot: str, *options: str) -> ctypes.CDLL:
     target = directory / "library.so"
     source = directory / f"symgen_{robot}.c"
-    strict = ["-std=c99", "-Wall", "-Werror", "-pedantic", "-shared", "-fPIC"]
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-shared", "-fPIC"]
     subprocess.run(["gcc", *strict, *options, str(source), "-o", str(target), "-lm"], check=True)
     return ctypes.CDLL(str(target))
 
@@ -294,7 +294,9 @@ def test_hostile_names_give_valid_c_and_cpp(tmp_path: Path) -> None:
     main += 'static_assert(ROBOT_7_ZWERGE_D == 6 && ROBOT_7_ZWERGE_ALPHA_21 == 1, "");\n'
     if shutil.which("g++"):
         (tmp_path / "main.cpp").write_text(main)
-        subprocess.run(["g++", "-Wall", "-Werror", "-pedantic", "-fsyntax-only", "main.cpp"], cwd=tmp_path, check=True)
+        subprocess.run(
+            ["g++", "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsyntax-only", "main.cpp"], cwd=tmp_path, check=True
+        )
 
 
 @needs_gcc
