@@ -110,18 +110,17 @@ def test_zeros_are_believed_in_the_links_own_axes_whatever_the_joint_axis(seed: 
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "scara4", "arm6", "ypp3_general"])
-@pytest.mark.parametrize("off", [1e-2, 1e-3, 3e-4, 1e-5])
+@pytest.mark.parametrize("off", [3e-3, 1e-5])
 def test_an_arm_as_it_was_calibrated_loses_nothing(name: str, off: float) -> None:
     """Its axes are parallel to within `off` [rad]: parameters that tell nothing had carried constants, J(q) up to a third off."""
     chain = calibrated(arm(name) if name in REAL else own(name), off)
     factoring = factor(chain)
     allowed = FOURTEEN_DIGITS + 10.0 * factoring.cost  # what hardly matters was left out
-    model = model_of(chain)
+    model, found = model_of(chain), functions(factoring)["J"]
     for seed in range(3):
         q = draw(chain, seed)
         J = crba(model, q)
-        found = matrix(functions(factoring)["J"], q, factoring.alpha_cad)
-        assert found == pytest.approx(J, abs=allowed * np.abs(J).max())
+        assert matrix(found, q, factoring.alpha_cad) == pytest.approx(J, abs=allowed * np.abs(J).max())
 
 
 def test_pandas_graphs_stay_small() -> None:

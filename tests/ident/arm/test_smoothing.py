@@ -78,8 +78,8 @@ def test_true_parameters_explain_a_record_with_the_motion_they_make(
 def test_friction_by_the_load_is_looked_for_under_the_load_with_which_it_was_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Else sweeps tell that load anew, as often as the first time."""
-    problem, vector = recorded(LoadDependentFriction(0, (0.4,)), "joint1", (0.0, 0.4, 0.8), f0=1.0)
+    """Else as many sweeps tell that load anew as did the first time."""
+    problem, vector = recorded(LoadDependentFriction(0, (0.4,)), "joint1", (0.0, 0.4, 0.8), f0=2.0)
     problem = replace(problem, turns=TURNS)
     found: list[Forces] = []
     swept = ident.arm.smoothing._swept
@@ -87,7 +87,7 @@ def test_friction_by_the_load_is_looked_for_under_the_load_with_which_it_was_fou
     first = hold(problem, vector)
     sweeps = len(found)
     hold(replace(problem, slid=slides(problem, first)), vector)
-    assert sweeps > 2 and len(found) == sweeps + 1
+    assert len(found) - sweeps < sweeps
     ((key, force),) = found[-1].items()
     assert force.near(found[sweeps - 1][key], 5 * SAME)
 
