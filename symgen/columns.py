@@ -7,6 +7,7 @@ constants; each entry is taken to be measured with sigma_ij = sqrt(sigma_i sigma
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,8 +61,9 @@ class _Blocks:
         self.factoring, self.rotor = factoring, rotor
         self.alike = np.eye(len(factoring.alphas))
         everywhere = self.everything(workspace).reshape(-1, len(self.alike)) / np.sqrt(len(workspace))
-        size = np.linalg.norm(everywhere, axis=0)
-        self.alike = np.linalg.inv(np.linalg.qr(everywhere / size, mode="r")) / size[:, None]
+        size = np.maximum(np.linalg.norm(everywhere, axis=0), np.finfo(float).tiny)
+        with suppress(np.linalg.LinAlgError):  # where limits are so narrow that some is not told at all
+            self.alike = np.linalg.inv(np.linalg.qr(everywhere / size, mode="r")) / size[:, None]
 
     def everything(self, q: Array) -> Array:
         """All entries [m, n, n, D], scaled by sigma_ij."""

@@ -168,8 +168,9 @@ def _inertia(found: Found, k: int, N: float) -> float:
 
 def _torque_unit(channel: Channel, current: bool) -> str:
     """The unit of a torque or current as the map says it: thousandths where its name ends so."""
-    small = re.search(r"(?<![A-Za-z])m_?A\b" if current else r"(?<![A-Za-z])m_?Nm?\b", channel.name.replace("_", " "))
-    return ("m" if small else "") + ("A" if current else "Nm")
+    unit = "A" if current else "Nm"
+    small = re.search(rf"(?<![A-Za-z])m{unit}\b", channel.name.replace("_", " "))
+    return f"m{unit}" if small else unit
 
 
 def _angle_unit(channel: Channel) -> tuple[str, float]:
