@@ -48,8 +48,8 @@ POSTURES, SEED = 1000, 0
 SHOWN = 1e-6
 #: A rival that leaves at most this times the held-out error is not told apart by these records.
 AS_GOOD = 1.02
-#: A joint moves no other whose J_ij is below this part of its J_ii.
-DECOUPLED = 1e-9
+#: A joint moves no other whose J_ij is below this part of sqrt(J_ii J_jj): zeros that were measured are not quite none.
+DECOUPLED = 1e-3
 #: Postures closer than this [rad, m] are the same one.
 SAME_POSTURE = 0.02
 #: An effect's port shares that are told.
@@ -344,10 +344,11 @@ def _unknown(joint: str | None, of: str, by: Separation) -> dict[str, Any]:
 
 
 def _moves_no_other(model: Model, joint: int) -> bool:
-    """Whether J_ij of this joint is zero for every other one, at random postures."""
+    """Whether J_ij of this joint is next to nothing beside sqrt(J_ii J_jj) for every other one, at random postures."""
     J = model.J_cad(model.random_postures(POSTURES, np.random.default_rng(SEED)))
-    others = np.arange(model.chain.n) != joint
-    return bool(np.abs(J[:, joint, others]).max(initial=0.0) < DECOUPLED * np.abs(J[:, joint, joint]).max())
+    sizes = np.sqrt(np.einsum("pii->pi", J))
+    coupled = np.abs(J[:, joint]) / (sizes * sizes[:, joint, None])
+    return bool(np.delete(coupled, joint, axis=1).max(initial=0.0) < DECOUPLED)
 
 
 def _inertia(d: Diagnosis) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosed import JOINT, LEVEL, REPORT, SELECT, diagnosis, unexplained
+from diagnosed import JOINT, LEVEL, REPORT, ROOT, SELECT, diagnosis, unexplained
 
 from ident.arm.coupled import uncertainty
 from ident.arm.parts import degrees, lines_of
@@ -16,10 +16,19 @@ from ident.effects.learned import learned
 from ident.effects.motor import TorqueRipple
 from ident.effects.response import response
 from ident.errors import IdentError
-from ident.loop.diagnosis_json import _confounded, _of_response, result_document, verdict_document, write
+from ident.loop.diagnosis_json import (
+    _confounded,
+    _moves_no_other,
+    _of_response,
+    result_document,
+    verdict_document,
+    write,
+)
 from ident.loop.effect_words import extent, named
 from ident.search.contradicted import Off
 from ident.search.deviations import Deviation
+from symgen.plan import chain_of_robot, make_model
+from symgen.robot import load_robot
 
 KEYS = {"format", "version", "input", "status", "declared", "effects", "error", "inertia", "drives", "unexplained"}
 EFFECT = {"name", "joint", "port", "parameters", "before", "after", "evidence", "rivals", "confounded_with"}
@@ -223,6 +232,15 @@ def test_a_response_of_a_joint_that_moves_no_other_one_may_be_of_its_torque_or_o
         ("unknown", "joint1", "link-sensor")
     ] * told
     assert not told or named(found[0]) == "an unknown law of the measured angle at joint1"
+
+
+@pytest.mark.parametrize(("aside", "alone"), [(0.0, True), (1e-5, True), (0.02, False)])
+def test_zeros_that_were_measured_are_not_quite_none(aside, alone):
+    """Centres of mass that are so far [m] aside couple the yaw with the others; with a baseline, advice was the contrary."""
+    chain = chain_of_robot(load_robot(ROOT / "robots/ypp3"))
+    bodies = [replace(j.inertia, com=j.inertia.com + [aside, 0.0, 0.0]) for j in chain.joints]
+    off = replace(chain, joints=tuple(replace(j, inertia=b) for j, b in zip(chain.joints, bodies, strict=True)))
+    assert [_moves_no_other(make_model(off), joint) for joint in range(3)] == [alone, False, False]
 
 
 def test_a_delay_that_no_record_tells_says_nothing_of_how_long_it_is():
