@@ -274,7 +274,7 @@ def _facts(r: Identification, document: dict[str, Any]) -> list[dict[str, Any]]:
         ("rigid bodies with these constants", "exist" if possible else "do not exist", _good(possible, r.explained),
          "" if possible else f"nearest ones {number(r.consistency.distance, 2)} σ away"),
         ("largest difference from CAD", f"{number(100 * against['largest'], 2)} %", None,
-         f"of {against['relative_to']} of J(q); {largest}"),
+         f"relative to {against['relative_to'].replace('sqrt(J_ii J_jj)', '√(Jᵢᵢ Jⱼⱼ)')}; {largest}"),
     ]  # fmt: skip
     if r.coupled is not None:  # one fit: nothing is left to agree or not
         rows = [row for row in rows if row[0] != "measurements agree"]
