@@ -66,7 +66,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "column": "which column of a variable with several, from 1",
         "unit": "torque: Nm, mNm, A, mA; angle: rad, mrad, deg, rev, counts, m, mm; velocity: any of these per s, or rpm",
         "counts_per_rev": "with unit counts: of one revolution",
-        "torque_constant_Nm_per_A": "with unit A or mA; left out where unknown: inertia is then in A s2/rad",
+        "torque_constant_Nm_per_A": "with unit A or mA; left out where unknown, of a single joint: inertia is then in A s2/rad",
         "sign": "1 or -1: positive torque must speed the motor up in the direction of positive motor and link angle",
         "gain": "what the file has times this is the reading, in the unit (default 1)",
         "offset": "reading, in the unit (counts: in counts), where the joint is at zero, before sign and side count "
