@@ -75,17 +75,21 @@ def leading_to_one_more(
         return names, None
 
     def most(effect: Effect) -> float:
-        hidden = any(winds_up(one) or one.dry for one in (best.candidate.effect, effect))
-        share, least = (WOUND_UP, CLOSE) if hidden else (HARDLY, NAMED)
+        share, least = (WOUND_UP, CLOSE) if _hides_motion(best.candidate.effect, effect) else (HARDLY, NAMED)
         return min(1.0 + share * (reduced_chi2(bench, lead) - 1.0), least)
 
     more = _further(bench, lead, most, lambda effect: _of_two_causes(best.candidate.effect, effect))
     if _does(bench, more, most):
         return names, (lead, more)
-    two = best, *sorted(more, key=left_by)[:1]
-    if any(winds_up(one.candidate.effect) or one.candidate.effect.dry for one in two):
+    second = [one.candidate.effect for one in sorted(more, key=left_by)[:1]]
+    if _hides_motion(best.candidate.effect, *second):
         return names, None
     return names, _with_a_rival(bench, lead, [one.state for one in best_names(names)], more, most)
+
+
+def _hides_motion(*effects: Effect) -> bool:
+    """Whether one winds a spring up, or rubs: its motion may not be found yet."""
+    return any(winds_up(one) or one.dry for one in effects)
 
 
 def _with_a_rival(
