@@ -136,6 +136,11 @@ class Path:
     def then(self, other: Path) -> Path:
         return Path(self.gain * other.gain, self.lags + other.lags, self.delay + other.delay)
 
+    @property
+    def remembers(self) -> bool:
+        """Whether what acts depends on what was commanded before."""
+        return self.delay > 0.0 or any(lag > 0.0 for lag in self.lags)
+
 
 @dataclass(frozen=True)
 class Effect(ABC):

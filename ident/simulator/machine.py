@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.effects.base import Path
 from ident.effects.motion import State
 from ident.simulator import rk4
 from ident.simulator.delay import Line
@@ -35,7 +34,7 @@ REFRESH = 20
 
 def steps_for(arm: Injected, Ts: float, top: float) -> int:
     """Steps of the integrator a sample of `Ts` [s] that follow the arm, up to `top` [Hz]; at least `STEPS` where it takes these."""
-    within = arm.laws or arm.driven or any(joint.late or joint.path != Path() for joint in arm.live)
+    within = arm.laws or arm.driven or any(joint.late or joint.path.remembers for joint in arm.live)
     return max(STEPS if within else 1, rk4.steps_needed(arm.generator(), 2 * arm.plant.model.nv, Ts, top))
 
 
@@ -58,8 +57,9 @@ class Machine:
         self._lines = [
             (k, Line(joint.path, preload[k], steps, self._h))
             for k, joint in enumerate(arm.live)
-            if joint.path != Path()
+            if joint.path.remembers
         ]
+        self._gains = [joint.path.gain for joint in arm.live]
         self._ctrl = np.array([u * joint.path.gain for u, joint in zip(preload, arm.live, strict=True)])
         self._u[:] = self._ctrl
         mujoco.mj_forward(model, data)
@@ -106,7 +106,7 @@ class Machine:
         self._last = list(command)
         for k, line in self._lines:
             line.push(command[k])
-        direct = [a + b for a, b in zip(command, disturbance, strict=True)]
+        direct = [gain * a + b for gain, a, b in zip(self._gains, command, disturbance, strict=True)]
         away = self._away
         np.subtract(x, self._arm.plant.qpos, out=away[:nv])
         away[nv : 2 * nv] = v
