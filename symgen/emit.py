@@ -52,6 +52,9 @@ _FUNCTIONS = {
 #: Results that CasADi, which stores columns, has to transpose for C; the others are symmetric or vectors.
 _BY_ROWS = ("C_rows", "regressor")
 
+#: How CasADi's C reads a number of an array that may not be given.
+_ASKED = re.compile(r"arg\[\d+\]\? (arg\[\d+\]\[\d+\]) : 0")
+
 
 def write_all(plan: Plan, directory: Path) -> list[str]:
     """Writes all that symgen has to say of an arm into `directory`; returns the file names.
@@ -213,12 +216,14 @@ def identified_source(factoring: Factoring, alpha: Array, robot_name: str) -> di
 
 
 def _graphs(generator: ca.CodeGenerator) -> str:
-    """What CasADi generates, whose functions all take workspace, needed or not: no warning of that is of any use."""
+    """What CasADi generates. Its functions take workspace, needed or not: no warning of that is of any use. They ask of every number
+    whether its array was given; the functions around them give all, and asking is a third of the instructions."""
     quiet, loud = (
         f"#if defined(__GNUC__)\n#pragma GCC diagnostic {action}\n{more}#endif\n"
         for action, more in (("push", '#pragma GCC diagnostic ignored "-Wunused-parameter"\n'), ("pop", ""))
     )
-    return f"{quiet}{generator.dump().strip()}\n{loud}"
+    text = _ASKED.sub(r"\1", generator.dump().strip()).replace("if (res[0]!=0) ", "")
+    return f"{quiet}{text}\n{loud}"
 
 
 def _signature(robot: str, name: str) -> str:

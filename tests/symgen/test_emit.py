@@ -6,6 +6,7 @@ import ctypes
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -21,7 +22,15 @@ from chains import calibrated, own
 
 from symgen.basis import factor
 from symgen.chain import Chain, Inertia
-from symgen.emit import functions, identifier, save, trigonometric_functions, write_all, write_functions
+from symgen.emit import (
+    functions,
+    identified_source,
+    identifier,
+    save,
+    trigonometric_functions,
+    write_all,
+    write_functions,
+)
 from symgen.errors import SymgenError
 from symgen.graph import carriers
 from symgen.inertia import parameter_scale
@@ -296,6 +305,14 @@ def test_hostile_names_give_valid_c_and_cpp(tmp_path: Path) -> None:
         subprocess.run(
             ["g++", "-Wall", "-Wextra", "-Werror", "-pedantic", "-fsyntax-only", "main.cpp"], cwd=tmp_path, check=True
         )
+
+
+def test_c_does_not_ask_whether_its_arrays_are_there(tmp_path: Path) -> None:
+    factoring = factoring_of("ypp3", True)
+    write_functions(factoring, tmp_path, "ypp3")
+    written = (tmp_path / "symgen_ypp3.c").read_text() + identified_source(factoring, np.ones(6), "ypp3")["J.c"]
+    assert "arg[1][5]" in written
+    assert not re.findall(r"arg\[\d\]\s*\?|res\[\d\]\s*!=", written)
 
 
 @needs_gcc
