@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.records.campaign import Array, Campaign, Record
+from ident.records.quantisation import encoder_step
 
 REFUSE, FLAG = "refuse", "flag"
 
@@ -22,10 +23,17 @@ EXPLAINED, LEFT = 0.25, 0.1
 #: A signal is cut off where its extreme value holds this share of the samples, and this many times the samples of the
 #: next values: a rounded top holds 1/(sqrt(2) - 1) = 2.4 times those of the step below it.
 FLAT_SHARE, FLAT_RATIO, FLAT_LEAST = 2e-3, 4.0, 10
+#: A signal that is told to less than this share of its range has no top that could be told from another level.
+LEVELS = 20
+#: Steps of its encoder by which an angle moves from one sample to the next where it does not rest by chance; share of a torque's samples
+#: that differ where none is twice the same by chance.
+STEPS, DIFFERENT = 3.0, 0.9
 #: Least share of a period for which a reading of a moving joint stays exactly where it is before it counts as stuck.
 STUCK = 0.25
 #: A held joint whose reading never changes has a stuck encoder when its torque moves by more than this part of the multisine.
 ALIVE = 1e-3
+#: Times what noise makes of the mean of some periods that what is the same in all of them is at least.
+OF_NOISE = 0.5
 #: A leap between two samples is this many times the change that nine in ten do not reach.
 JUMP = 20.0
 
@@ -51,12 +59,9 @@ def of_signals(campaign: Campaign, record: Record) -> Iterator[Fault]:
         yield Fault("lost samples", "", record.id, f"record {record.id}: {lost}", REFUSE)
     for j, name in enumerate(campaign.joints):
         where, theta, tau = f"record {record.id}: {name}: ", record.theta[:, j], record.tau[:, j]
-        # a welded joint rests, and so does its torque; one held by its motor may rest between two counts, its torque then too
-        still = (
-            stuck(theta, record.samples_per_period)
-            if j == i
-            else np.ptp(theta) == 0 and np.std(tau) > ALIVE * record.rms
-        )
+        # a welded joint rests, and so does its torque; one held by its motor may rest between two counts, its torque then too but for noise
+        S = record.samples_per_period
+        still = stuck(theta, S) if j == i else np.ptp(theta) == 0 and answers(tau, S) > ALIVE * record.rms
         if still:
             line = (
                 f"{where}the angle does not change while the torque does: its encoder, its cable, or friction holds it"
@@ -78,6 +83,14 @@ def of_signals(campaign: Campaign, record: Record) -> Iterator[Fault]:
                 "the excitation (swing_rad) or the load"
             )
             yield Fault("clipped torque", name, record.id, line, REFUSE)
+
+
+def answers(values: Array, period: int) -> float:
+    """Standard deviation of what is the same in every `period` of a signal [T]; none where it is no more than noise makes of it."""
+    periods = values.reshape(-1, period)
+    noise = float(np.mean(np.var(periods, axis=0, ddof=1))) / len(periods)
+    power = float(np.var(periods.mean(axis=0))) - noise
+    return float(np.sqrt(power)) if power > OF_NOISE * noise else 0.0
 
 
 def lost_samples(record: Record, joint: int) -> str:
@@ -142,14 +155,24 @@ def _shift(signal: Array, periods: int, S: int) -> tuple[int, int] | None:
 
 
 def _repeated(record: Record, joint: int) -> NDArray[np.int64]:
-    """Samples at which all torques and angles are those of the sample before, though the torque moves there in other periods."""
+    """Samples at which all torques and angles are those of the sample before, which is no chance: the angle of the `joint` moves before
+    and after, or a torque that is never twice the same moves there in other periods."""
+    tau, theta = record.tau[:, joint], record.theta[:, joint]
     same = np.all(np.diff(record.tau, axis=0) == 0, axis=1) & np.all(np.diff(record.theta, axis=0) == 0, axis=1)
     samples = np.flatnonzero(same) + 1
     if record.periods < 2 or not samples.size:
         return samples[:0]
-    change = np.abs(np.diff(record.tau[:, joint], prepend=record.tau[0, joint])).reshape(record.periods, -1)
+    change = np.abs(np.diff(tau, prepend=tau[0])).reshape(record.periods, -1)
     usual = np.median(change, axis=0)
-    chosen = samples[usual[samples % record.samples_per_period] > 0.2 * np.median(usual)]
+    moves = usual[samples % record.samples_per_period] > 0.2 * np.median(usual)
+    moves &= len(np.unique(tau)) > DIFFERENT * (len(tau) - len(samples))
+    speed = np.concatenate([[0.0], np.diff(theta), [0.0]])
+    slow = STEPS * float(encoder_step(theta[:, None])[0])
+    runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
+    for run in runs:
+        before, after = speed[samples[run[0]] - 1], speed[samples[run[-1]] + 1]
+        moves[run] |= before * after > 0.0 and min(abs(before), abs(after)) > slow
+    chosen = samples[moves]
     chosen = chosen[chosen > np.argmax(change.ravel() > 0.0)]  # before the excitation begins nothing moves
     return chosen if chosen.size < 0.5 * len(same) else chosen[:0]
 
@@ -165,6 +188,8 @@ def flat_top(values: Array) -> tuple[float, float] | None:
         if at < max(FLAT_LEAST, FLAT_SHARE * len(values)):
             continue
         levels = np.unique(drop[drop > 1e-9 * span])
+        if len(levels) < LEVELS:
+            continue
         step = levels[0] if len(levels) < len(values) / 10 else span / 500  # of the quantisation, where there is one
         if at > FLAT_RATIO * np.count_nonzero((drop > 1e-9 * span) & (drop <= 1.5 * step)):
             return sign * float((sign * values).max()), at / len(values)
