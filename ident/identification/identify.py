@@ -25,7 +25,8 @@ from ident.joint.drive import SharedDrive
 from ident.joint.fit import PARAMETERS, ThreePoint, TwoMass, predict, three_point, two_mass, two_mass_frequencies
 from ident.joint.solve import Alpha, inertia_std
 from ident.records.campaign import Array, Campaign, Record
-from ident.records.faults import Fault, doubtful_ratio, refuse
+from ident.records.doubtful import doubts
+from ident.records.faults import Fault, refuse
 from ident.records.frf import Complex, Frf, estimate
 from symgen.plan import Model, model_of_urdf
 
@@ -149,7 +150,7 @@ def identify(
         raise IdentError("the campaign holds no records")
     seconds: dict[str, float] = {}
     with _timed(seconds, "faults"):
-        doubts = refuse(campaign, model_of_urdf(campaign.urdf, campaign.joints))
+        flags = refuse(campaign, model_of_urdf(campaign.urdf, campaign.joints))
     with _timed(seconds, "frf"):
         responses = _responses(campaign, progress)
     with _timed(seconds, "model"):
@@ -169,7 +170,7 @@ def identify(
     J_cad = J_cad[np.arange(len(q)), index, index]
     with _timed(seconds, "misfit"):
         measurements = _measurements(campaign, model, method, responses, readings, arm, J_cad)
-    doubts += _doubtful_ratios(campaign, arm, arm.J / J_cad, index)
+    flags += _doubts(campaign, arm, arm.J / J_cad, index)
     found = _notes(model, responses, readings, arm, physical)
     agree = all(drive.agrees for drive in arm.drives) and arm.alpha.agrees
     return Identification(
@@ -186,8 +187,8 @@ def identify(
         consistency=physical,
         chi2_per_dof=readings.chi2_per_dof,
         explained=all(measured.explained for measured in measurements) and agree,
-        faults=doubts,
-        notes=(*notes, *(doubt.line for doubt in doubts), *found),
+        faults=flags,
+        notes=(*notes, *(flag.line for flag in flags), *found),
         seconds=seconds,
     )
 
@@ -298,14 +299,14 @@ def _possible_links(model: Model, arm: OneArm) -> Consistency:
     return Consistency(found.ok, found.distance, found.alpha, found.parameters.ravel(), found.status)
 
 
-def _doubtful_ratios(campaign: Campaign, arm: OneArm, share: Array, index: Array) -> tuple[Fault, ...]:
-    """Gear ratios that the stiffness found and the `share` [R] of CAD's J_ii found make doubtful."""
-    doubts: tuple[Fault, ...] = ()
+def _doubts(campaign: Campaign, arm: OneArm, share: Array, index: Array) -> tuple[Fault, ...]:
+    """Scales that the drives found and the `share` [R] of CAD's J_ii found, that of joint `index` [R], make doubtful."""
+    found = np.full((3, campaign.n), np.nan)
     for drive in arm.drives:
         i = campaign.joints.index(drive.joint)
         own = np.median(share[index == i]) if np.any(index == i) else np.nan
-        doubts += doubtful_ratio(drive.joint, campaign.N[i], drive.K.value / campaign.K[i], float(own))
-    return doubts
+        found[:, i] = drive.K.value / campaign.K[i], drive.J_m.value / campaign.J_m[i], own
+    return doubts(campaign.joints, campaign.fs, campaign.N, *found)
 
 
 def _notes(model: Model, responses: list[Frf], readings: _Readings, arm: OneArm, physical: Consistency) -> list[str]:

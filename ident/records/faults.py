@@ -6,19 +6,17 @@ a datasheet explains.
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterator
+from itertools import combinations
 
 from ident.errors import IdentError
-from ident.records.campaign import Campaign
-from ident.records.joint_faults import NEAR, at_rest, in_motion, observe, played, swapped, wrong_ratio
+from ident.records.campaign import Campaign, is_copy
+from ident.records.joint_faults import at_rest, in_motion, observe, played, swapped, wrong_ratio
 from ident.records.reversed_gear import reversed_gear
 from ident.records.signal_faults import FLAG, REFUSE, Fault, of_signals
 from symgen.plan import Model
 
-__all__ = ["FLAG", "REFUSE", "Fault", "doubtful_ratio", "faults", "refuse"]
-
-#: K and J_ii that are both off by this factor, and by the same one up to `NEAR`, are a gear ratio that is off by its root.
-TOGETHER = 2.0
+__all__ = ["FLAG", "REFUSE", "Fault", "faults", "refuse"]
 
 
 def faults(campaign: Campaign, model: Model) -> tuple[Fault, ...]:
@@ -28,7 +26,7 @@ def faults(campaign: Campaign, model: Model) -> tuple[Fault, ...]:
     """
     looks = [observe(campaign, model, record) for record in campaign.records]
     mixed = list(played(campaign, looks))
-    found = mixed[:]
+    found = [*mixed, *_copies(campaign)]
     spoilt = {fault.record for fault in found}
     pairs = list(swapped(campaign, [one for one in looks if one.record.id not in spoilt]))
     found += [fault for *_, fault in pairs]
@@ -64,18 +62,9 @@ def refuse(campaign: Campaign, model: Model) -> tuple[Fault, ...]:
     return found
 
 
-def doubtful_ratio(joint: str, N: float, K: float, J: float) -> tuple[Fault, ...]:
-    """Returns the doubt that a fit leaves about a gear ratio: `K` and `J` are what was found of K and J_ii over what was declared.
-
-    Both go with N^2 where the datasheet's J_m is right, and nothing else moves them alike.
-    """
-    low, high = sorted((K, J))
-    alike = low > 0 and high <= NEAR * low
-    if abs(N) <= 1 or not alike or not (low > TOGETHER or high < 1 / TOGETHER):
-        return ()
-    true = N / np.sqrt(np.sqrt(K * J))
-    line = (
-        f"{joint}: K is {K:.3g} times the declared one and J {J:.3g} times CAD's: both follow from a gear ratio of about {true:.3g} in "
-        f"place of {N:g}"
-    )
-    return (Fault("doubtful gear ratio", joint, "", line, FLAG),)
+def _copies(campaign: Campaign) -> Iterator[Fault]:
+    """Records that are others again."""
+    for one, other in combinations(campaign.records, 2):
+        if is_copy(one, other):
+            line = f"record {other.id} has the samples of record {one.id}: a copy tells nothing more; leave it out"
+            yield Fault("copied record", "", other.id, line, REFUSE)

@@ -9,10 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ident.errors import IdentError
-from ident.records.campaign import Campaign, Record
+from ident.records.campaign import Campaign, is_copy
 from ident.records.store import read_campaign
 
 
@@ -32,17 +30,13 @@ def joined(paths: Sequence[str | Path]) -> Campaign:
             )
         stem = Path(path).stem if Path(path).stem not in stems else f"{Path(path).stem}-{k}"
         stems.add(stem)
-        copies = [(record.id, one.id) for record in other.records for one in records if _is_copy(record, one)]
+        copies = [(record.id, one.id) for record in other.records for one in records if is_copy(record, one)]
         if copies:
             raise IdentError(
                 f"{path}: record {copies[0][0]} has the samples of record {copies[0][1]} of the files before; expected each record once"
             )
         records += [replace(record, id=f"{stem}/{record.id}") for record in other.records]
     return replace(first, records=tuple(records))
-
-
-def _is_copy(record: Record, other: Record) -> bool:
-    return np.array_equal(record.tau, other.tau) and np.array_equal(record.theta, other.theta)
 
 
 def _robot(c: Campaign) -> tuple[Any, ...]:
