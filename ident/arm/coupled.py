@@ -48,6 +48,8 @@ NOISE_MODEL = 0.05
 FEW_LINES = 100
 #: Times that records are read anew at the postures where K tells that they rest, and how far chi^2 must fall for that.
 PLACES, LEAST = 2, 1.0
+#: Share of its standard deviation below which a value is none.
+NOTHING = 1e-3
 
 
 @dataclass(frozen=True)
@@ -376,5 +378,7 @@ def _status(fit: CoupledFit, absent: Array, campaign: Campaign, model: Model) ->
     for name, std in zip(DRIVES, fit.drive_std, strict=True):
         for joint, value, deviation in zip(campaign.joints, getattr(fit, name), std, strict=True):
             if deviation > UNTOLD * value:
-                lines.append(f"{joint}: {name} hardly known: {value:.3g} with standard deviation {deviation:.2g}")
+                some = f"{value:.3g} with standard deviation {deviation:.2g}"
+                none = f"none is seen, and less than {2.0 * deviation:.2g} is there"
+                lines.append(f"{joint}: {name} hardly known: {none if value < NOTHING * deviation else some}")
     return tuple(lines)

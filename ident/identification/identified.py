@@ -36,7 +36,7 @@ _ARRAYS = ("gravity", "alpha", "covariance", "unseen")
 #: What robot.toml says of a drive that nothing was found of.
 _UNSEEN = "no record excites this joint: K and J_m as declared, or typical; damping 1 %"
 #: The same of one that is excited, but shows no spring.
-_UNTOLD = "the records do not tell K: its standard deviation is larger than K"
+_UNTOLD = "the records do not tell K, its standard deviation is larger than K: {}"
 
 
 @dataclass(frozen=True)
@@ -115,12 +115,14 @@ def of_identification(identification: Identification, robot: Robot | None = None
     """Returns the arm that was identified. A drive that no record excited keeps what was declared, else a plain one's."""
     r = identification
     if r.coupled is not None:
-        numbers = [r.coupled.K, r.coupled.J_m, r.coupled.D, r.coupled.D_spring]
-        excited = {record.excited for record in r.campaign.records}
-        notes = tuple(
-            "" if std <= K else _UNTOLD if joint in excited else _UNSEEN
-            for joint, K, std in zip(r.campaign.joints, r.coupled.K, r.coupled.drive_std[0], strict=True)
-        )
+        c, fit = r.campaign, r.coupled
+        told, declared = fit.drive_std[0] <= fit.K, np.isfinite(c.K)
+        K = np.where(told | ~declared, fit.K, c.K)
+        D_spring = np.where(told | ~np.isfinite(c.D_spring), fit.D_spring, c.D_spring)
+        numbers = [K, fit.J_m, fit.D, D_spring]
+        excited = {record.excited for record in c.records}
+        untold = [_UNTOLD.format("K is as declared" if known else "K is anything so stiff") for known in declared]
+        notes = tuple("" if told[i] else untold[i] if joint in excited else _UNSEEN for i, joint in enumerate(c.joints))
     else:
         numbers, notes = _separate_drives(r)
     return of_parts(

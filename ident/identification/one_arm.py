@@ -12,12 +12,9 @@ from ident.arm.arm_model import DRIVES
 from ident.arm.coupled import CoupledFit
 from ident.joint.drive import SharedDrive, share
 from ident.joint.fit import JointFit, ThreePoint
-from ident.joint.solve import Alpha, Combined, inertia_std, solve
+from ident.joint.solve import SEEN, Alpha, Combined, inertia_std, solve
 from ident.records.campaign import Array, Campaign
 from symgen.plan import Model
-
-#: A constant with less than this part of it in the unseen directions counts as determined.
-_SEEN = 1e-4
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class OneArm:
 
 def determined(unseen: Array) -> NDArray[np.bool_]:
     """Returns which constants [D] the directions `unseen` [D, k] leave alone."""
-    return np.asarray(np.linalg.norm(unseen, axis=1) < _SEEN)
+    return np.asarray(np.linalg.norm(unseen, axis=1) < SEEN)
 
 
 def of_coupled(campaign: Campaign, model: Model, q: Array, index: Array, fit: CoupledFit) -> OneArm:

@@ -20,6 +20,9 @@ from ident.records.campaign import Array
 #: A direction of alpha that moves the measurements by less than this share of the best-seen one is unseen: rows of
 #: exact functions leave 1e-16, plans worth measuring stay above 1e-4.
 RANK_TOLERANCE = 1e-9
+#: A constant, or a J_ij, with less than this part of it in unseen directions counts as determined: a fit tells these to rounding of what
+#: it found last.
+SEEN = 1e-4
 #: Agreement is denied when chance alone would disagree more only once in a thousand times.
 CONFIDENCE = 0.999
 
@@ -119,7 +122,7 @@ def inertia_std(J_rows: ArrayLike, covariance: ArrayLike, unseen: ArrayLike | No
     std = np.sqrt(np.maximum(np.einsum("...d,de,...e->...", C, V, C), 0.0))
     if unseen is not None and np.size(unseen):
         blind = np.linalg.norm(C @ np.asarray(unseen, dtype=float), axis=-1)
-        std = np.where(blind > RANK_TOLERANCE * np.linalg.norm(C, axis=-1), np.inf, std)
+        std = np.where(blind > SEEN * np.linalg.norm(C, axis=-1), np.inf, std)
     return np.asarray(std)
 
 

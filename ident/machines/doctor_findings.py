@@ -159,10 +159,14 @@ def of_band(check: JointCheck, robot: Robot) -> list[Finding]:
             )
             break
     if check.planned_f_AR is not None and check.planned_f_AR[0] < e.band[0] + 3 * e.f0:
+        f_AR, first = check.planned_f_AR[0], max(ceil((e.band[0] / e.f0 - 1.0) / 2.0), 0)
+        below = max(ceil((f_AR / e.f0 - 1.0) / 2.0) - first, 0)
         found.append(
             Finding(
-                f"{check.joint}: its anti-resonance falls to {check.planned_f_AR[0]:.3g} Hz, the lines begin at {e.band[0]:g} Hz",
-                "nothing below it shows the whole inertia",
+                f"{check.joint}: its anti-resonance falls to {f_AR:.3g} Hz, below which {below or 'no'} line{'s' if below > 1 else ''} "
+                f"of {e.band[0]:g} to {e.band[1]:g} Hz, every {2 * e.f0:g} Hz, "
+                f"{'lie' if below > 1 else 'lies'}",
+                "only lines below it show the whole inertia",
                 "a lower band_Hz, a smaller line_spacing_Hz",
                 True,
             )

@@ -140,10 +140,18 @@ def played(campaign: Campaign, looks: list[Look]) -> Iterator[Fault]:
 
 
 def swapped(campaign: Campaign, looks: list[Look]) -> Iterator[tuple[int, int, Fault]]:
-    """Pairs of joints whose encoders are exchanged: by their angles at rest, or by who answers the excited motor."""
+    """Pairs of joints whose encoders are exchanged, by their angles at rest, or by who answers the excited motor; or whose postures are, where
+    angles at rest are and each motor's own encoder answers."""
     for i, k in combinations(range(campaign.n) if looks else (), 2):
-        if _exchanged_at_rest(campaign, looks, i, k) or _exchanged_in_motion(campaign, looks, i, k):
-            one, two = campaign.joints[i], campaign.joints[k]
+        in_motion = _exchanged_in_motion(campaign, looks, i, k)
+        one, two = campaign.joints[i], campaign.joints[k]
+        if in_motion is False and _postures_exchanged(campaign, looks, i, k):
+            line = (
+                f"{one} and {two}: each one's encoder reads the angle that the other's posture says, and answers its own motor: the "
+                "postures are given in another order of joints; exchange the two in every posture"
+            )
+            yield i, k, Fault("swapped postures", f"{one}, {two}", "", line, REFUSE)
+        elif in_motion or _exchanged_at_rest(campaign, looks, i, k):
             line = (
                 f"{one} and {two}: each one's encoder reads the angles of the other: their cables or columns are exchanged; "
                 "exchange theta of the two"
@@ -157,7 +165,12 @@ def _errors(campaign: Campaign, looks: list[Look], j: int, column: int | None = 
     column = j if column is None else column
     angle = np.array([look.rest[column] for look in looks]) * campaign.N[column] / campaign.N[j]
     error = np.asarray(angle - posture_of(looks, j))
-    straight = error - (_deflection(campaign, looks, j) if column == j else 0.0)
+    return _straight(campaign, looks, j, error) if column == j else error
+
+
+def _straight(campaign: Campaign, looks: list[Look], j: int, error: Array) -> Array:
+    """An `error` [R] of joint j with its spring's deflection taken off, where that leaves less."""
+    straight = error - _deflection(campaign, looks, j)
     return np.where(np.abs(straight) < np.abs(error), straight, error)
 
 
@@ -178,14 +191,26 @@ def _exchanged_at_rest(campaign: Campaign, looks: list[Look], i: int, k: int) ->
     return bool(own.min() > AT_REST and crossed < EXPLAINED)
 
 
-def _exchanged_in_motion(campaign: Campaign, looks: list[Look], i: int, k: int) -> bool:
-    """Whether in every record of i it is k that moves, and the other way round."""
+def _postures_exchanged(campaign: Campaign, looks: list[Look], i: int, k: int) -> bool:
+    """Whether each of two joints rests where the posture of the other is declared."""
+    own = np.abs([_errors(campaign, looks, i), _errors(campaign, looks, k)]).max(axis=1)
+    rest = np.array([look.rest for look in looks])
+    crossed = [_straight(campaign, looks, j, rest[:, j] - posture_of(looks, other)) for j, other in ((i, k), (k, i))]
+    return bool(own.min() > AT_REST and np.abs(crossed).max() < EXPLAINED)
+
+
+def _exchanged_in_motion(campaign: Campaign, looks: list[Look], i: int, k: int) -> bool | None:
+    """Whether in every record of i it is k that moves, and the other way round; None where records do not tell."""
     votes = []
     for look in looks:
         if look.index in (i, k):
             moved = np.linalg.norm(look.f[:, None] ** 2 * look.theta / campaign.N, axis=0)
-            votes.append(bool(moved[k if look.index == i else i] > ANSWERS * moved[look.index]))
-    return all(votes) and {look.index for look in looks} >= {i, k}
+            own, other = moved[look.index], moved[k if look.index == i else i]
+            votes.append(1 if other > ANSWERS * own else -1 if own > other else 0)
+    both = {look.index for look in looks} >= {i, k}
+    if both and all(vote == 1 for vote in votes):
+        return True
+    return False if both and all(vote == -1 for vote in votes) else None
 
 
 # joint by joint -------------------------------------------------------------------------------------------------------

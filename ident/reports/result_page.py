@@ -30,11 +30,11 @@ def page(result: Identification, document: dict[str, Any], brief: bool = False) 
 
 def _records(result: Identification) -> list[str]:
     width = 9 * result.campaign.n
-    head = f"{'posture [rad, m]':<{width}}{'measured':>11}{'sigma':>9}{'CAD':>10}{'error %':>9}{'chi2/dof':>10}"
+    head = f"{'posture [rad, m]':<{width}}{'measured':>11}{'sigma':>9}{'CAD':>10}{'error %':>10}{'chi2/dof':>10}"
     rows = [f"{'record':<7}{'entry':<6}{head}"]
     for m in result.measurements:
         posture = "".join(f"{value:8.4f} " for value in m.record.posture)
-        values = f"{_within(m.J, m.std):>11}{m.std:>9.2g}{_short(m.J_cad, 5):>10}{_percent(m.J, m.J_cad):>9}"
+        values = f"{_within(m.J, m.std):>11}{m.std:>9.2g}{_short(m.J_cad, 5):>10}{_percent(m.J, m.J_cad):>10}"
         fits = "" if m.explained else "  does not fit"
         entry = f"J_{m.index + 1}{m.index + 1}"
         rows.append(f"{m.record.id:<7}{entry:<6}{posture}{values}{m.chi2_per_dof:>10.3g}{fits}")
@@ -48,12 +48,14 @@ def _records(result: Identification) -> list[str]:
 
 
 def _constants(alpha: dict[str, Any]) -> list[str]:
-    rows = [f"{'constant':<14}{'identified':>12}{'sigma':>12}{'CAD':>12}{'error %':>9}  unit"]
+    rows = [f"{'constant':<14}{'identified':>13}{'sigma':>12}{'CAD':>13}{'error %':>10}  unit"]
     columns = (alpha[key] for key in ("names", "value", "std", "unit", "cad"))
     for name, value, std, unit, cad in zip(*columns, strict=True):
         kept = "held at CAD" if np.isclose(value, cad, rtol=1e-9, atol=0.0) else "unknown"
         sigma = kept if std is None else f"{std:.2g}"
-        rows.append(f"{name:<14}{_within(value, std):>12}{sigma:>12}{_short(cad):>12}{_percent(value, cad):>9}  {unit}")
+        rows.append(
+            f"{name:<14}{_within(value, std):>13}{sigma:>12}{_short(cad):>13}{_percent(value, cad):>10}  {unit}"
+        )
     return rows
 
 

@@ -268,6 +268,23 @@ def test_one_record_leaves_the_other_drives_as_declared_and_says_so(tmp_path: Pa
     assert np.abs(J - found.J(q)).max() < ACCURACY * np.abs(J).max()
 
 
+def test_a_spring_that_no_record_shows_is_as_declared(tmp_path: Path) -> None:
+    """K of 3e10 +- 3e12 was written, with which MuJoCo's first step is no number."""
+    robot = load_robot(ROBOTS / "ypp3")
+    quick = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=4))
+    campaign = simulate(chain_of_robot(robot), quick, [("joint3", (0.0, 0.0, 0.0))], lock="rigid", seed=1, workers=1)
+    found = identify(campaign, believe_zeros=True)
+    assert found.coupled is not None
+    std = found.coupled.drive_std.copy()
+    std[0, 2] = 2.0 * found.coupled.K[2]
+    untold = replace(found, coupled=replace(found.coupled, drive_std=std))
+    drive = of_identification(untold).drives[2]
+    assert (drive.K, drive.D_spring) == (campaign.K[2], campaign.D_spring[2]) and drive.J_m == found.coupled.J_m[2]
+    assert "K is as declared" in of_identification(untold).notes[2] and not of_identification(found).notes[2]
+    unknown = replace(untold, campaign=replace(campaign, K=np.full(3, np.nan)))
+    assert of_identification(unknown).drives[2].K == found.coupled.K[2]
+
+
 def test_every_number_of_a_drive_is_the_methods_own() -> None:
     """Held by its motors, the arm is more than two masses: their fit, shown beside the method's own, is far off."""
     robot = load_robot(ROBOTS / "ypp3")

@@ -222,6 +222,8 @@ def test_swapped_encoders_and_swapped_torques(name: str, wrong: bool) -> None:
         pair = f"{campaign.joints[i]}, {campaign.joints[k]}"
         angles = found(every_record(campaign, lambda r, order=order: replace(r, theta=r.theta[:, order])))
         only(angles, "swapped encoders", pair)
+        postures = found(every_record(campaign, lambda r, order=order: replace(r, posture=r.posture[order])))
+        only(postures, "swapped postures", pair)
         torques = found(every_record(campaign, lambda r, order=order: replace(r, tau=r.tau[:, order])))
         assert {(f.name, f.joint) for f in torques} == {("wrong motor", campaign.joints[j]) for j in (i, k)}
 
