@@ -28,6 +28,7 @@ from ident.records.campaign import Array, Campaign, Record
 from ident.records.doubtful import doubts
 from ident.records.faults import Fault, refuse
 from ident.records.frf import Complex, Frf, estimate
+from ident.records.resting import statuses
 from symgen.plan import Model, model_of_urdf
 
 METHODS = ("coupled", "modal", "two-mass", "three-point")
@@ -311,7 +312,7 @@ def _doubts(campaign: Campaign, arm: OneArm, share: Array, index: Array) -> tupl
 
 def _notes(model: Model, responses: list[Frf], readings: _Readings, arm: OneArm, physical: Consistency) -> list[str]:
     alpha, coupled = arm.alpha, readings.coupled
-    notes = [line for frf in responses for line in frf.status]
+    notes = statuses(model.chain.names, responses)
     notes += [line for fit in readings.fits for line in fit.status] if coupled is None else coupled.status
     for drive in arm.drives:
         if not drive.agrees:

@@ -15,6 +15,7 @@ from ident.joint.certainty import certainty, thin
 from ident.joint.drive import SharedDrive
 from ident.joint.fit import UNTOLD
 from ident.records.campaign import Array
+from ident.records.resting import statuses
 
 #: An anti-resonance that carries less than this share of J_ii leaves no visible pair in the response of motor i.
 VISIBLE_MODE = 0.01
@@ -72,11 +73,11 @@ def problems(identification: Identification) -> tuple[Problem, ...]:
         found.append(_contradiction(r, bool(poor)))
     if not r.consistency.ok:
         found.append(_impossible_bodies(r.consistency, bool(poor)))
-    doubts = [line for m in r.measurements for line in m.frf.status]
+    doubts = statuses(r.campaign.joints, [m.frf for m in r.measurements])
     if doubts:
         more = f"; and {len(doubts) - LISTED} more, see the notes" if len(doubts) > LISTED else ""
         why = "; ".join(doubts[:LISTED]) + more + "."
-        found.append(Problem(False, "Some records are doubtful", why, "Record these again."))
+        found.append(Problem(False, "Some records are doubtful", why, "Record these again, or correct their postures."))
     return tuple(sorted(found, key=lambda problem: not problem.serious))
 
 

@@ -29,6 +29,7 @@ from ident.loop.unexplained import unexplained
 from ident.plain import plain, replace_file
 from ident.records.campaign import Array, Campaign
 from ident.records.inputs import told
+from ident.records.resting import statuses
 from ident.search.added import Added
 from ident.search.changes import not_closer, told_of
 from ident.search.choice import LEAST_SHARE
@@ -94,7 +95,7 @@ def verdict_document(
         "inertia": _inertia(d),
         "drives": _drives(d),
         "unexplained": unexplained(d),
-        "notes": [*notes, *not_closer(d.split, d.end), *(line for frf in d.responses for line in frf.status)],
+        "notes": [*notes, *not_closer(d.split, d.end), *statuses(d.campaign.joints, d.responses)],
         "made_with": made_with or {},
     }
     found: dict[str, Any] = plain(document)

@@ -4,9 +4,7 @@ deflection, and it answers its torque as the declared arm's does, up to what a C
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +23,10 @@ EXPLAINED, EXPLAINED_PART = 0.02, 0.02
 #: when the motion fits another one better by this factor, which must not be within what drives and links may be wrong by.
 RATIO, SCATTER = 0.008, 4.0
 RATIO_IN_MOTION, BETTER = 1.6, 2.0
+#: Logarithm of a ratio that motion does not tell a gear from a unit by, as drives and links may be off by as much.
+UNSURE = 0.3
+#: Least gear ratio of which a turn of the motor is little of the joint's, and how near to whole turns [turns] angles are that lost some.
+GEARED, WHOLE = 10.0, 0.1
 #: Mean cosine between measured and declared response: 1 is agreement, below minus this the sign is wrong. Arms whose links
 #: and springs are 30 % off keep above 0.4; a joint that friction holds answers at random, below 0.2: nothing is said then.
 AGREES = 0.35
@@ -33,13 +35,6 @@ AGREES = 0.35
 WRONG_SCALE, NEAR, UNNAMED = 6.0, 2.0, 10.0
 #: Lines below this frequency [Hz] are left out: gravity, friction and the hold act there.
 LOW = 5.0
-#: Share of its nominal size that the multisine has at least on the motor that plays it, and at most on another.
-PLAYED = 0.3
-#: How much more uneven a torque must be than three times that of the flat multisine on another motor.
-FLAT = 0.1
-
-#: A motor that moves this many times as much as the excited one is the excited one.
-ANSWERS = 3.0
 
 _DEGREES = 180 / np.pi
 _LINES = 60  # at most, from which a response is judged
@@ -115,60 +110,19 @@ def hold_gain(campaign: Campaign, f: Array) -> Complex:
     return np.asarray(np.sinc(f / campaign.fs) * np.exp(-1j * np.pi * f / campaign.fs))
 
 
-# cables ---------------------------------------------------------------------------------------------------------
+# at rest ----------------------------------------------------------------------------------------------------
 
 
-def played(campaign: Campaign, looks: list[Look]) -> Iterator[Fault]:
-    """Records whose multisine is on another motor than they say: of about its nominal size, or as flat as it was made."""
-    for look in looks:
-        size = np.abs(look.tau) / (look.record.rms * np.sqrt(2 / len(look.record.lines)))
-        upper = size[len(size) // 2 :]  # where feedback has left it alone
-        level = np.median(upper, axis=0)
-        uneven = np.median(np.abs(upper - level), axis=0) / np.where(level > 0, level, np.inf)
-        k, i = int(np.argmax(level)), look.index
-        flattest = int(np.argmin(np.where(level > PLAYED, uneven, np.inf)))
-        if k == i or not level[i] < PLAYED < level[k]:
-            k = flattest
-            if k == i or level[k] <= PLAYED or not 3 * uneven[k] < uneven[i] - FLAT:
-                continue
-        said, name, id = look.record.excited, campaign.joints[k], look.record.id
-        line = (
-            f"record {id}: {said} is said to be excited, but the multisine is on the motor of {name}: the joints' names or the "
-            "torques' columns are exchanged"
-        )
-        yield Fault("wrong motor", said, id, line, REFUSE)
-
-
-def swapped(campaign: Campaign, looks: list[Look]) -> Iterator[tuple[int, int, Fault]]:
-    """Pairs of joints whose encoders are exchanged, by their angles at rest, or by who answers the excited motor; or whose postures are, where
-    angles at rest are and each motor's own encoder answers."""
-    for i, k in combinations(range(campaign.n) if looks else (), 2):
-        in_motion = _exchanged_in_motion(campaign, looks, i, k)
-        one, two = campaign.joints[i], campaign.joints[k]
-        if in_motion is False and _postures_exchanged(campaign, looks, i, k):
-            line = (
-                f"{one} and {two}: each one's encoder reads the angle that the other's posture says, and answers its own motor: the "
-                "postures are given in another order of joints; exchange the two in every posture"
-            )
-            yield i, k, Fault("swapped postures", f"{one}, {two}", "", line, REFUSE)
-        elif in_motion or _exchanged_at_rest(campaign, looks, i, k):
-            line = (
-                f"{one} and {two}: each one's encoder reads the angles of the other: their cables or columns are exchanged; "
-                "exchange theta of the two"
-            )
-            yield i, k, Fault("swapped encoders", f"{one}, {two}", "", line, REFUSE)
-
-
-def _errors(campaign: Campaign, looks: list[Look], j: int, column: int | None = None) -> Array:
+def errors_at_rest(campaign: Campaign, looks: list[Look], j: int, column: int | None = None) -> Array:
     """Mean angle [R] of joint j minus its posture, read from its own encoder or that of joint `column`; of its own with the spring's
     deflection taken off where that leaves less, as torques may have a wrong unit."""
     column = j if column is None else column
     angle = np.array([look.rest[column] for look in looks]) * campaign.N[column] / campaign.N[j]
     error = np.asarray(angle - posture_of(looks, j))
-    return _straight(campaign, looks, j, error) if column == j else error
+    return straightened(campaign, looks, j, error) if column == j else error
 
 
-def _straight(campaign: Campaign, looks: list[Look], j: int, error: Array) -> Array:
+def straightened(campaign: Campaign, looks: list[Look], j: int, error: Array) -> Array:
     """An `error` [R] of joint j with its spring's deflection taken off, where that leaves less."""
     straight = error - _deflection(campaign, looks, j)
     return np.where(np.abs(straight) < np.abs(error), straight, error)
@@ -185,40 +139,12 @@ def posture_of(looks: list[Look], j: int) -> Array:
     return np.array([look.record.posture[j] for look in looks])
 
 
-def _exchanged_at_rest(campaign: Campaign, looks: list[Look], i: int, k: int) -> bool:
-    own = np.abs([_errors(campaign, looks, i), _errors(campaign, looks, k)]).max(axis=1)
-    crossed = np.abs([_errors(campaign, looks, i, k), _errors(campaign, looks, k, i)]).max()
-    return bool(own.min() > AT_REST and crossed < EXPLAINED)
-
-
-def _postures_exchanged(campaign: Campaign, looks: list[Look], i: int, k: int) -> bool:
-    """Whether each of two joints rests where the posture of the other is declared."""
-    own = np.abs([_errors(campaign, looks, i), _errors(campaign, looks, k)]).max(axis=1)
-    rest = np.array([look.rest for look in looks])
-    crossed = [_straight(campaign, looks, j, rest[:, j] - posture_of(looks, other)) for j, other in ((i, k), (k, i))]
-    return bool(own.min() > AT_REST and np.abs(crossed).max() < EXPLAINED)
-
-
-def _exchanged_in_motion(campaign: Campaign, looks: list[Look], i: int, k: int) -> bool | None:
-    """Whether in every record of i it is k that moves, and the other way round; None where records do not tell."""
-    votes = []
-    for look in looks:
-        if look.index in (i, k):
-            moved = np.linalg.norm(look.f[:, None] ** 2 * look.theta / campaign.N, axis=0)
-            own, other = moved[look.index], moved[k if look.index == i else i]
-            votes.append(1 if other > ANSWERS * own else -1 if own > other else 0)
-    both = {look.index for look in looks} >= {i, k}
-    if both and all(vote == 1 for vote in votes):
-        return True
-    return False if both and all(vote == -1 for vote in votes) else None
-
-
 # joint by joint -------------------------------------------------------------------------------------------------------
 
 
 def at_rest(campaign: Campaign, looks: list[Look], j: int) -> list[Fault]:
     """Sign, unit, gear ratio, zero or posture, where mean angles say so: one fault that explains all, or the records apart."""
-    name, errors = campaign.joints[j], _errors(campaign, looks, j)
+    name, errors = campaign.joints[j], errors_at_rest(campaign, looks, j)
     away = np.abs(errors) > AT_REST
     if not away.any():
         return []
@@ -302,6 +228,13 @@ def _named_at(campaign: Campaign, looks: list[Look], j: int, q: Array) -> Fault 
             f"{name}: theta is the angle behind the gear: multiply it by N = {N:g}, or declare N = 1 with tau behind it"
         )
         return Fault("wrong side of the gear", name, "", line, REFUSE)
+    turns = (angle - q) * N / (2 * np.pi)
+    if abs(N) >= GEARED and np.ptp(whole := np.round(turns)) and np.abs(turns - whole).max() < WHOLE:
+        line = (
+            f"{name}: its angles are {whole.min():+.0f} to {whole.max():+.0f} whole turns of the motor from the postures: an encoder of a "
+            "single turn, or one that was switched on again; count the turns"
+        )
+        return Fault("lost turns", name, "", line, REFUSE)
     offset = float(np.median(angle - q))
     left = float(np.abs(angle - q - offset).max())  # by an offset; a ratio must leave less to be named in its place
     nearer = np.ptp(q) > AT_REST and np.abs(angle / slope - q).max() < left
@@ -310,6 +243,9 @@ def _named_at(campaign: Campaign, looks: list[Look], j: int, q: Array) -> Fault 
             what, remedy = f"theta is {slope:.4g} times what it should be", "check its unit and encoder_counts_per_rev"
         else:
             what, remedy = f"its angles say N = {slope * N:.5g}, declared is {N:g}", "correct the gear ratio"
+        if abs(np.log(abs(slope))) < UNSURE:
+            what = f"its angles say N = {slope * N:.5g}, declared is {N:g}, or theta is {slope:.4g} times what it should be"
+            remedy = "correct the gear ratio, or check the unit and encoder_counts_per_rev"
         return Fault("wrong gear ratio", name, "", f"{name}: at rest {what}: {remedy}", REFUSE)
     if len(looks) > 1 and left <= EXPLAINED:
         line = (

@@ -206,6 +206,13 @@ def test_a_gear_ratio(name: str, wrong: bool, factor: float) -> None:
         only(found(replace(campaign, N=N)), "wrong gear ratio", joint)
 
 
+def test_turns_that_a_single_turn_encoder_has_lost() -> None:
+    campaign = clean("ypp3")
+    turns = iter([0.0, 1.0, -2.0])
+    lost = every_record(campaign, lambda r: column(r, "theta", 1, lambda x: x + 2 * np.pi * next(turns)))
+    assert "-2 to +1 whole turns" in only(found(lost), "lost turns", "joint2").line
+
+
 def test_the_true_gear_ratio_is_told() -> None:
     campaign = clean("ypp3")
     fault = only(found(replace(campaign, N=np.array([100.0, 80.0, 100.0]))), "wrong gear ratio", "joint2")
