@@ -13,21 +13,23 @@ from ident.records.signal_faults import FLAG, Fault
 #: Mean cosine between what a held joint feels of the excited one and what it should, below minus which half of the records must be;
 #: lines count where that is this many times all else that it feels.
 REVERSED, CLEARLY = 0.6, 1.0
+#: Share of what is seen that has the wrong sign: a few that links and springs off by a tenth hide do not.
+MOST = 0.9
 
 
 def reversed_gear(campaign: Campaign, looks: list[Look], j: int) -> list[Fault]:
     """A gear that reverses though nothing is declared of it, of a joint that rested at 0 always: what it does to the other joints, and
-    they to it, has the sign of N_j in it, and is against CAD's in every record that shows it."""
+    they to it, has the sign of N_j in it, and is against CAD's in nearly every record that shows it."""
     name, N = campaign.joints[j], float(campaign.N[j])
     if np.abs(posture_of(looks, j)).max() > AT_REST:
         return []
     pairs = [(look, k if look.index == j else j) for look in looks for k in range(campaign.n) if j in (look.index, k)]
     cosines = np.array([_reaction(campaign, look, held) for look, held in pairs if held != look.index])
     shown = cosines[np.isfinite(cosines)]
-    if len(shown) < 2 or shown.max() > -AGREES or np.median(shown) > -REVERSED:
+    if len(shown) < 2 or np.mean(shown < -AGREES) < MOST or np.median(shown) > -REVERSED:
         return []
     line = (
-        f"{name}: it and the other joints pull at each other as CAD says, but for the sign, in all {len(shown)} records that show it, and "
+        f"{name}: it and the other joints pull at each other as CAD says, but for the sign, in nearly all of {len(shown)} that show it, and "
         f"it rested at 0 in all: its gear may reverse (declare N = {-N:g}), or theta and tau both have the wrong sign"
     )
     return [Fault("doubtful gear ratio", name, "", line, FLAG)]
