@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +69,9 @@ def problems(identification: Identification) -> tuple[Problem, ...]:
         found.append(_coupled_unexplained(r.coupled))
     poor = {m.record.excited for m in r.measurements if not m.explained}
     found += [_different_drives(drive) for drive in r.drives if not drive.agrees and drive.joint not in poor]
-    found += [_untold(m, r) for m in r.measurements if m.explained and m.std > UNTOLD * abs(m.J)]
+    untold = [m for m in r.measurements if m.explained and m.std > UNTOLD * abs(m.J)]
+    for joint in dict.fromkeys(m.record.excited for m in untold):
+        found.append(_untold([m for m in untold if m.record.excited == joint], r))
     if not r.alpha.agrees:
         found.append(_contradiction(r, bool(poor)))
     if not r.consistency.ok:
@@ -81,11 +84,22 @@ def problems(identification: Identification) -> tuple[Problem, ...]:
     return tuple(sorted(found, key=lambda problem: not problem.serious))
 
 
-def _untold(m: Measurement, r: Identification) -> Problem:
-    name = entry(m.index, m.index, r.campaign.n)
+def _untold(those: Sequence[Measurement], r: Identification) -> Problem:
+    """What records of one joint do not tell of its J_ii, though they fit; of a joint that nothing shows to be elastic, why."""
+    m, name = those[0], entry(those[0].index, those[0].index, r.campaign.n)
+    ids = ", ".join(one.record.id for one in those)
+    who = f"Records {ids} do" if len(those) > 1 else f"Record {ids} does"
+    drive = next(drive for drive in r.drives if drive.joint == m.record.excited)
+    if all(x.std > UNTOLD * x.value for x in (drive.K, drive.J_m)):
+        return Problem(
+            True,
+            f"{who} not tell {name}",
+            f"{drive.joint} is as good as rigid here: motor and links move together, and only N² J_m + {name} is seen.",
+            f"Take J_m of {drive.joint} off the sum, from its datasheet; or widen the band to its resonance.",
+        )
     return Problem(
         True,
-        f"Record {m.record.id} does not tell {name}",
+        f"{who} not tell {name}",
         f"It reads {_told(m.J, m.std)}: the model fits, because next to nothing is there to contradict it.",
         "Excite more, widen the band, or record more periods; check that the motor moved at all.",
     )
@@ -312,7 +326,7 @@ def _reading(m: Measurement) -> tuple[str, str, str] | None:
 
 
 def _told(value: float, std: float) -> str:
-    return f"{number(value)} with a standard deviation of {number(std, 2)}"
+    return f"{number(value)} with {f'a standard deviation of {number(std, 2)}' if np.isfinite(std) else 'no bound'}"
 
 
 def _band(m: Measurement) -> tuple[str, str, str]:
