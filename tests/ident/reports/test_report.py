@@ -307,6 +307,22 @@ def test_other_findings_become_problems(good):
     assert [problem.serious for problem in near] == [False]
 
 
+def test_a_joint_that_is_as_good_as_rigid_is_told_once_and_why(good):
+    joint = good.measurements[0].record.excited
+    untold = [replace(m, std=np.inf) if m.record.excited == joint else m for m in good.measurements]
+    drives = [
+        replace(d, K=replace(d.K, std=10 * d.K.value), J_m=replace(d.J_m, std=10 * d.J_m.value))
+        if d.joint == joint
+        else d
+        for d in good.drives
+    ]
+    (plain,) = verdict.problems(replace(good, measurements=tuple(untold)))
+    assert "next to nothing is there to contradict it" in plain.why and "no bound" in plain.why
+    (rigid,) = verdict.problems(replace(good, measurements=tuple(untold), drives=tuple(drives)))
+    ids = [m.record.id for m in good.measurements if m.record.excited == joint]
+    assert ", ".join(ids) in rigid.what and "as good as rigid" in rigid.why and "datasheet" in rigid.remedy
+
+
 def test_the_page_holds_every_record_and_constant(good, bad, pages):
     for name, result in (("good", good), ("bad", bad)):
         page = Page(pages[name])
