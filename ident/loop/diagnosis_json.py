@@ -25,6 +25,7 @@ from ident.joint.solve import inertia_std
 from ident.loop.confounded import AGAIN, NEVER, Separation, never_told_apart, separation
 from ident.loop.diagnose import Diagnosis
 from ident.loop.held_out import carried
+from ident.loop.scales import doubtful
 from ident.loop.unexplained import unexplained
 from ident.plain import plain, replace_file
 from ident.records.campaign import Array, Campaign
@@ -95,7 +96,7 @@ def verdict_document(
         "inertia": _inertia(d),
         "drives": _drives(d),
         "unexplained": unexplained(d),
-        "notes": [*notes, *not_closer(d.split, d.end), *statuses(d.campaign.joints, d.responses)],
+        "notes": [*notes, *doubtful(d), *not_closer(d.split, d.end), *statuses(d.campaign.joints, d.responses)],
         "made_with": made_with or {},
     }
     found: dict[str, Any] = plain(document)

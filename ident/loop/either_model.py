@@ -14,15 +14,12 @@ from dataclasses import replace
 from functools import cache, partial
 from math import inf
 
-import numpy as np
-
 from ident.arm.parts import Split
 from ident.identification.campaign_model import model_of_campaign
 from ident.loop.diagnose import Begun, Diagnosis, begin
 from ident.loop.zeros import far_from_zero
 from ident.records.campaign import Campaign
-from ident.records.doubtful import doubts
-from ident.records.faults import Fault, refuse
+from ident.records.faults import refuse
 from ident.records.frf import estimate
 from ident.search.one_more import one_more
 from ident.search.refits import CLOSE, NAMED, State, reduced_chi2
@@ -60,21 +57,9 @@ def diagnose_either(
     """
     until = time.monotonic() + seconds
     found, notes = _diagnosed(campaign, believe_zeros, workers, say, until)
-    notes += tuple(f"{doubt.line}." for doubt in _doubts(found))
     if time.monotonic() > until and (found.status == "unexplained" or found.left > NAMED):
         notes += (f"{ENDED} after {seconds:.0f} s: a longer one may find more (--minutes).",)
     return found, notes
-
-
-def _doubts(found: Diagnosis) -> tuple[Fault, ...]:
-    """The scales that the numbers of the corrected arm make doubtful."""
-    c, model, end = found.campaign, found.model, found.end
-    p = end.problem.parameters(end.minimum.vector)
-    q = np.array([record.posture for record in c.records])
-    index = np.array([c.joints.index(record.excited) for record in c.records])
-    share = (model.J(q, p.alpha) / model.J_cad(q))[np.arange(len(q)), index, index]
-    own = [np.median(share[index == i]) if np.any(index == i) else np.nan for i in range(c.n)]
-    return doubts(c.joints, c.fs, c.N, p.K / c.K, p.J_m / c.J_m, own)
 
 
 def _diagnosed(

@@ -25,8 +25,9 @@ RATIO, SCATTER = 0.008, 4.0
 RATIO_IN_MOTION, BETTER = 1.6, 2.0
 #: Logarithm of a ratio that motion does not tell a gear from a unit by, as drives and links may be off by as much.
 UNSURE = 0.3
-#: Least gear ratio of which a turn of the motor is little of the joint's, and how near to whole turns [turns] angles are that lost some.
-GEARED, WHOLE = 10.0, 0.1
+#: Least gear ratio of which a turn of the motor is little of the joint's, how near to whole turns [turns] angles are that lost some, and how
+#: many these are at most.
+GEARED, WHOLE, MANY = 10.0, 0.1, 1e4
 #: Mean cosine between measured and declared response: 1 is agreement, below minus this the sign is wrong. Arms whose links
 #: and springs are 30 % off keep above 0.4; a joint that friction holds answers at random, below 0.2: nothing is said then.
 AGREES = 0.35
@@ -229,7 +230,7 @@ def _named_at(campaign: Campaign, looks: list[Look], j: int, q: Array) -> Fault 
         )
         return Fault("wrong side of the gear", name, "", line, REFUSE)
     turns = (angle - q) * N / (2 * np.pi)
-    if abs(N) >= GEARED and np.ptp(whole := np.round(turns)) and np.abs(turns - whole).max() < WHOLE:
+    if abs(N) >= GEARED and 0 < np.ptp(whole := np.round(turns)) < MANY and np.abs(turns - whole).max() < WHOLE:
         line = (
             f"{name}: its angles are {whole.min():+.0f} to {whole.max():+.0f} whole turns of the motor from the postures: an encoder of a "
             "single turn, or one that was switched on again; count the turns"

@@ -25,8 +25,8 @@ EXPLAINED, LEFT = 0.25, 0.1
 FLAT_SHARE, FLAT_RATIO, FLAT_LEAST = 2e-3, 4.0, 10
 #: A signal that is told to less than this share of its range has no top that could be told from another level.
 LEVELS = 20
-#: Steps of its encoder by which an angle moves from one sample to the next where it does not rest by chance; share of a torque's samples
-#: that differ where none is twice the same by chance.
+#: Steps of its encoder, or changes of its speed from one sample to the next, by which an angle moves where it does not rest by chance; share
+#: of a torque's samples that differ where none is twice the same by chance.
 STEPS, DIFFERENT = 3.0, 0.9
 #: Least share of a period for which a reading of a moving joint stays exactly where it is before it counts as stuck.
 STUCK = 0.25
@@ -167,11 +167,11 @@ def _repeated(record: Record, joint: int) -> NDArray[np.int64]:
     moves = usual[samples % record.samples_per_period] > 0.2 * np.median(usual)
     moves &= len(np.unique(tau)) > DIFFERENT * (len(tau) - len(samples))
     speed = np.concatenate([[0.0], np.diff(theta), [0.0]])
-    slow = STEPS * float(encoder_step(theta[:, None])[0])
+    rough = max(float(encoder_step(theta[:, None])[0]), float(np.std(np.diff(speed, 2))))
     runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
     for run in runs:
         before, after = speed[samples[run[0]] - 1], speed[samples[run[-1]] + 1]
-        moves[run] |= before * after > 0.0 and min(abs(before), abs(after)) > slow
+        moves[run] |= before * after > 0.0 and min(abs(before), abs(after)) > STEPS * rough
     chosen = samples[moves]
     chosen = chosen[chosen > np.argmax(change.ravel() > 0.0)]  # before the excitation begins nothing moves
     return chosen if chosen.size < 0.5 * len(same) else chosen[:0]
