@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from os.path import commonprefix
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ident.errors import ImportingError
+from ident.machines.clocks import Time, is_time, stated_rate, time_of
+from ident.machines.joint_names import LINK, MOTOR, Channel, by_joint, of_word, split_name, words_of_joints
 from ident.machines.readers import Variables, read_variables
 from ident.records.campaign import Array
 from ident.records.periodic import find_lines, find_period
@@ -26,65 +27,16 @@ _WORDS = {
     "current": r"(^|[^a-z])i_?q|curr|amp|(^|[^a-z])i($|[^a-z])",
     "angle": r"theta|pos|angle|enc|phi|(^|[^a-z])q($|[^a-z])",
 }
-_COMMANDED = r"ref|cmd|command|desired|target|setp|(^|[^a-z])(des|set)($|[^a-z])"
-_LINK = r"link|load|output|second|joint_?(pos|ang)"
-_MOTOR = r"motor|rotor"
-_TIME = r"^t($|[^a-z])|time|stamp"
-#: Units of time: s each, and how names say them (an MCAP file's clocks are in s).
-_TIME_UNITS = {
-    "s": (1.0, r"s|secs?|seconds?|/header/stamp|/log_time"),
-    "ms": (1e-3, r"ms|msecs?|millis\w*"),
-    "us": (1e-6, r"us|[µμ]s|usecs?|micros\w*"),
-    "ns": (1e-9, r"ns|nsecs?|nanos\w*"),
-}
-#: A name's parts: words also where a capital begins them, numbers, and what separates them.
-_PART = r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[\W_]+|\w"
-_RATE = r"^(fs|f_s|fsamp\w*|sampl\w*rate\w*|rate_?hz)$"
-
-#: What tells the readings of one joint apart, and so is no joint's name.
-_ROLE = (
-    rf"{_LINK}|{_MOTOR}|{_COMMANDED}|act(ual)?|dem(and)?|meas(ured)?|feedback|fb|est(imated)?|filt(ered)?|raw|err(or)?|"
-    "mean|min|max|[dq]|in|out|abs|inc|ext"
-)
-
 #: How steeply each kind falls against the torque, d log / d log f, where a motor moves like a mass.
 _SLOPE = {"torque": 0.0, "velocity": -1.0, "angle": -2.0}
 #: A slope is believed when it is within this of one of them.
 _NEAR = 0.4
-#: Sampling rates [Hz] that a machine may have.
-_RATES = (20.0, 2e5)
 #: Fewest samples of a record.
 _FEWEST = 200
 
 
 class NoMultisine(ImportingError):
     """No channel of a file is a multisine."""
-
-
-@dataclass(frozen=True, eq=False)
-class Channel:
-    """One reading: variable, column (from 0), values [T]; `group` is the name without the joint, `joint` its number."""
-
-    name: str
-    column: int | None
-    values: Array
-    group: str
-    joint: str
-    kind: str = ""
-
-    @property
-    def commanded(self) -> bool:
-        return bool(re.search(_COMMANDED, self.name.lower()))
-
-
-@dataclass(frozen=True)
-class Time:
-    """The time of a file: its variable, its unit, the sampling rate [Hz]; not `sure` if another unit fits as well."""
-
-    name: str
-    unit: str
-    rate: float
-    sure: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +83,11 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
     heard = _excitation(channels, path)
     channels = [replace(channel, kind=_kind(channel, heard)) for channel in channels]
     heard = replace(heard, channel=next(c for c in channels if c.values is heard.channel.values))
-    if not names and (names := _words(channels, path)):
-        channels = [_of_word(channel, names) for channel in channels]
-    torques = _joints([c for c in channels if c.kind in ("torque", "current") and not c.commanded])
-    torques = torques or _joints([c for c in channels if c.kind in ("torque", "current")])
-    angles = _joints([c for c in channels if c.kind == "angle" and not c.commanded])
+    if not names and (names := words_of_joints(channels, path)):
+        channels = [of_word(channel, names) for channel in channels]
+    torques = by_joint([c for c in channels if c.kind in ("torque", "current") and not c.commanded])
+    torques = torques or by_joint([c for c in channels if c.kind in ("torque", "current")])
+    angles = by_joint([c for c in channels if c.kind == "angle" and not c.commanded])
     if not names:
         names = tuple(f"joint{k + 1}" for k in range(max(map(len, torques))))
     torques, angles = ([group for group in groups if len(group) == len(names)] for groups in (torques, angles))
@@ -147,10 +99,10 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
     loud = [(torque is heard.channel, float(np.std(torque.values))) for torque in torques[0]]
     excited = max(range(len(names)), key=loud.__getitem__)
     motor, link = _motor_and_link(angles, excited, heard)
-    speeds = _joints([c for c in channels if c.kind == "velocity" and not c.commanded])
+    speeds = by_joint([c for c in channels if c.kind == "velocity" and not c.commanded])
     speed = _derivative([group for group in speeds if len(group) == len(names)], motor, excited, heard, variables, time)
     reference = heard.channel if heard.channel is not torques[0][excited] else None
-    rate = _rate(variables)
+    rate = stated_rate(variables)
     return Found(path, urdf, names, excited, torques[0], motor, link, speed, reference, heard, time, rate)
 
 
@@ -176,7 +128,7 @@ def named(path: str | Path, urdf: str | Path | None = None) -> Named | None:
     told = [channel for channel in channels if not channel.commanded]
 
     def of(*kinds: str) -> list[list[Channel]]:
-        return _joints(
+        return by_joint(
             [c for c in told if next((k for k, w in _WORDS.items() if re.search(w, c.name.lower())), "") in kinds]
         )
 
@@ -186,7 +138,7 @@ def named(path: str | Path, urdf: str | Path | None = None) -> Named | None:
     if not torques or not angles:
         return None
     names = names or tuple(f"joint{k + 1}" for k in range(count))
-    return Named(path, urdf, names, torques[0], angles[0], time, _rate(variables))
+    return Named(path, urdf, names, torques[0], angles[0], time, stated_rate(variables))
 
 
 # what is there --------------------------------------------------------------------------------------------------------
@@ -207,114 +159,12 @@ def _channels(variables: Variables, joints: Sequence[str]) -> tuple[list[Channel
             continue
         step = np.diff(value)
         if (step > 0).all():  # time, or a counter
-            if re.search(_TIME, name.lower()) and time is None:
-                time = _time(name, float(np.median(step)))
+            if is_time(name) and time is None:
+                time = time_of(name, float(np.median(step)))
             continue
-        group, joint = _split(name, joints)
+        group, joint = split_name(name, joints)
         found.append(Channel(name, None, value, group, joint))
     return [channel for channel in found if np.ptp(channel.values) > 0], time
-
-
-def _split(name: str, joints: Sequence[str]) -> tuple[str, str]:
-    """A name without the joint it speaks of, and that joint: one of the URDF's, else a number."""
-    for k, joint in sorted(enumerate(joints), key=lambda item: -len(item[1])):
-        if joint in name:
-            return name.replace(joint, "#"), f"{k:04d}"
-    number = re.search(r"\d+", name)
-    return (re.sub(r"\d+", "#", name), f"{int(number[0]):04d}") if number else (name, "")
-
-
-def _words(channels: Sequence[Channel], path: Path) -> tuple[str, ...]:
-    """The joints' names where words tell them: what differs among the names of torques and again among those of angles.
-
-    () where numbers tell them, or there is one joint. ImportingError where different words are in either kind.
-    """
-    alone = [channel for channel in channels if channel.column is None]
-    angles = [channel for channel in alone if channel.kind == "angle" and not channel.commanded]
-    driven = [channel for channel in alone if channel.kind in ("torque", "current")]
-    driven = [channel for channel in driven if not channel.commanded] or driven
-    kinds = [[channel for channel in driven if channel.kind == kind] for kind in ("torque", "current")]
-    for torques in kinds:
-        for words in _candidates(torques):
-            if all(_have_all(either, words) for either in (torques, angles)):
-                return words
-    untold = next((torques for torques in kinds if _candidates(torques) and len(_joints(torques)[0]) == 1), None)
-    if untold and _candidates(angles):
-        raise ImportingError(
-            f"{path}: names do not tell which of {', '.join(channel.name for channel in untold)} and of "
-            f"{', '.join(channel.name for channel in angles)} belong to one joint; expected the joints' names in both, "
-            "or --urdf"
-        )
-    return ()
-
-
-def _candidates(channels: Sequence[Channel]) -> list[tuple[str, ...]]:
-    """Words that may be joints: last parts of names of one path, or what is left without the parts common to all."""
-    names = [channel.name for channel in channels]
-    paths: dict[str, list[str]] = {}
-    for name in names:
-        path, _, last = name.rpartition("/")
-        paths.setdefault(path, []).append(last)
-    parts = [re.findall(_PART, name) for name in names]
-    for _ in range(2):  # common to all in front, then behind
-        common = len(commonprefix(parts))
-        parts = [part[common:][::-1] for part in parts]
-    rest = [re.sub(r"^[\W_]+|[\W_]+$", "", "".join(part)) for part in parts]
-    found = [*(words for path, words in paths.items() if path), rest]
-    return [tuple(words) for words in found if len(words) > 1 and _are_joints(words)]
-
-
-def _are_joints(words: Sequence[str]) -> bool:
-    """Whether the words may name joints: all different, not all with a number, none a kind of reading."""
-    numbered = all(re.search(r"\d", word) for word in words)
-    return (
-        all(words)
-        and len(set(words)) == len(words)
-        and not numbered
-        and not any(re.fullmatch(_ROLE, word.lower()) for word in words)
-    )
-
-
-def _have_all(channels: Sequence[Channel], words: Sequence[str]) -> bool:
-    """Whether some group of channels has one of every word."""
-    return any(len(group) == len(words) for group in _joints([_of_word(channel, words) for channel in channels]))
-
-
-def _of_word(channel: Channel, words: Sequence[str]) -> Channel:
-    """The channel, of the joint whose word is among the parts of its name, else of none."""
-    if channel.column is not None:
-        return channel
-    parts = re.findall(_PART, channel.name)
-    for k, word in sorted(enumerate(words), key=lambda item: -len(item[1])):
-        own = re.findall(_PART, word)
-        for at in range(len(parts) - len(own) + 1):
-            if parts[at : at + len(own)] == own:
-                group = "".join([*parts[:at], "#", *parts[at + len(own) :]])
-                return replace(channel, group=group, joint=f"{k:04d}")
-    return replace(channel, group=channel.name, joint="")
-
-
-def _time(name: str, step: float) -> Time | None:
-    """The time of that step: in the unit its name says, else in the one of the highest rate that a machine may have."""
-    rates = {unit: 1 / (step * size) for unit, (size, _) in _TIME_UNITS.items()}
-    fits = {unit: rate for unit, rate in rates.items() if _RATES[0] <= rate <= _RATES[1]}
-    named = [
-        unit
-        for unit, (_, words) in _TIME_UNITS.items()
-        if re.search(rf"(^|[^a-zµμ]|(?=/))({words})($|[^a-z])", name.lower())
-    ]
-    if not fits:
-        return None
-    unit = next((unit for unit in named if unit in fits), max(fits, key=fits.__getitem__))
-    return Time(name, unit, fits[unit], unit in named or (len(fits) == 1 and not named))
-
-
-def _rate(variables: Variables) -> float | None:
-    """A sampling rate that the file states [Hz]."""
-    for name, value in variables.items():
-        if value.ndim == 0 and re.search(_RATE, name.lower().split(".")[-1]) and value > 0:
-            return float(value)
-    return None
 
 
 def _excitation(channels: Sequence[Channel], path: Path) -> Excitation:
@@ -353,15 +203,6 @@ def _kind(channel: Channel, heard: Excitation) -> str:
     return next((kind for kind, value in _SLOPE.items() if abs(slope - value) < _NEAR), "")
 
 
-def _joints(channels: Sequence[Channel]) -> list[list[Channel]]:
-    """Channels of one kind by group, each in the order of its joints; largest groups first."""
-    groups: dict[str, list[Channel]] = {}
-    for channel in channels:
-        groups.setdefault(channel.group, []).append(channel)
-    ordered = [sorted(group, key=lambda channel: channel.joint) for group in groups.values()]
-    return sorted(ordered, key=len, reverse=True)
-
-
 def _motor_and_link(
     angles: list[list[Channel]], excited: int, heard: Excitation
 ) -> tuple[list[Channel], list[Channel] | None]:
@@ -370,9 +211,9 @@ def _motor_and_link(
         return angles[0], None
     first, second = angles[:2]
     for one, other in ((first, second), (second, first)):
-        if re.search(_LINK, other[0].name.lower()) and not re.search(_LINK, one[0].name.lower()):
+        if re.search(LINK, other[0].name.lower()) and not re.search(LINK, one[0].name.lower()):
             return one, other
-        if re.search(_MOTOR, one[0].name.lower()) and not re.search(_MOTOR, other[0].name.lower()):
+        if re.search(MOTOR, one[0].name.lower()) and not re.search(MOTOR, other[0].name.lower()):
             return one, other
 
     def high(group: list[Channel]) -> float:
@@ -388,7 +229,7 @@ def _derivative(
     time: Time | None,
 ) -> list[Channel] | None:  # fmt: skip
     """The velocities that are the motor angle's slope, in the same unit; None where no group is."""
-    fs = time.rate if time else _rate(variables)
+    fs = time.rate if time else stated_rate(variables)
     if fs is None:
         return None
     w = 2j * np.pi * heard.lines * fs / heard.period

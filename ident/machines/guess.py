@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.machines.channels import Channel, Found, Lines, Named, NoMultisine, look, named
+from ident.machines.channels import Found, Lines, Named, NoMultisine, look, named
+from ident.machines.joint_names import Channel
 from ident.toml_text import key, quoted
 
 #: A ratio of encoders that is one up to this is one: there is no gear.

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.machines.importing import CLOCK, JITTER, SourceFile, rounded_rate
 from ident.machines.mapping import Map
 from ident.machines.readers import read_variables
+from ident.machines.sampling import CLOCK, rounded_rate
+from ident.machines.source_file import JITTER, SourceFile
 from ident.records.log import Array, Log, Trajectory
 
 #: Time stamps further apart than this many samples leave a hole that nothing is interpolated over.

@@ -1,0 +1,63 @@
+"""What a person should look at in records that were brought in: signs, gears, what nothing tells of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.machines.mapping import Map
+from ident.records.campaign import Array, Record
+
+#: A joint that rested no further from 0 than this [rad or m] shows nothing of its gear at rest.
+RESTS = 0.05
+#: Share of the lines, at either end of the band, at which signs are judged: there a motor moves like a mass.
+_ENDS = 0.1
+
+
+def _spectra(record: Record, values: Array) -> NDArray[np.complex128]:
+    """The excited lines [L, n] of the mean over all periods but the first."""
+    S = record.samples_per_period
+    mean = values.reshape(-1, S, values.shape[1])[1:].mean(axis=0)
+    return np.asarray(np.fft.rfft(mean, axis=0)[record.lines])
+
+
+def signs(record: Record, mapping: Map) -> list[str]:
+    """A note for the excited joint if torque and motor, or motor and link, seem to turn in opposite directions.
+
+    Far below and far above its modes a motor moves like a mass: in antiphase with its torque.
+    """
+    k = [joint.name for joint in mapping.joints].index(record.excited)
+    tau, theta = _spectra(record, record.tau)[:, k], _spectra(record, record.theta)[:, k]
+    count = max(1, round(_ENDS * len(record.lines)))
+    notes = []
+    both = np.conj(tau) * theta
+    if min(np.median(both[:count].real), np.median(both[-count:].real)) > 0:
+        notes.append(
+            f"record {record.id}: torque and motor angle of {record.excited} seem of opposite sign: check the map"
+        )
+    if record.q_link is not None:
+        link = _spectra(record, record.q_link)[:, k] * mapping.joints[k].N
+        share = float(np.median((np.conj(theta) * link)[:count].real / np.abs(theta[:count]) ** 2))
+        if share < 0:
+            notes.append(
+                f"record {record.id}: motor and link angle of {record.excited} are of opposite sign: check the map"
+            )
+        elif not 0.5 < share < 2:
+            notes.append(
+                f"record {record.id}: at the lowest lines the link of {record.excited} moves {share:.2g} times as far as its motor "
+                "says; expected 1: check N, counts and units"
+            )
+    return notes
+
+
+def untold_gears(mapping: Map, records: Sequence[Record]) -> list[str]:
+    """A note if there are joints of whose gear no angle at rest tells anything."""
+    at_zero = np.abs([record.posture for record in records]).max(axis=0) <= RESTS
+    names = [joint.name for joint, zero in zip(mapping.joints, at_zero, strict=True) if zero and joint.N != 1]
+    if not names:
+        return []
+    gears = "gear ratio and sign of" if len(names) == 1 else "gear ratios and signs of"
+    was = "it rested" if len(names) == 1 else "they rested"
+    return [f"{gears} {', '.join(names)} are taken as declared: {was} at 0 in all records"]
