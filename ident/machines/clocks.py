@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from ident.machines.readers import Variables
-from ident.machines.sampling import RATES
+from ident.machines.toml_table import RATES
 
 _TIME = r"^t($|[^a-z])|time|stamp"
 #: Units of time: s each, and how names say them (an MCAP file's clocks are in s).

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.machines.mapping import Map
 from ident.machines.readers import read_variables
-from ident.machines.sampling import CLOCK, rounded_rate
+from ident.machines.sampling import CLOCK, rounded_rate, stamps
 from ident.machines.source_file import JITTER, SourceFile
 from ident.records.log import Array, Log, Trajectory
 
@@ -100,13 +100,8 @@ def _times(file: SourceFile, use: slice, samples: int) -> tuple[Array | None, fl
         if how.fs is None:
             raise file.error("the map says neither sample_rate_Hz nor time; expected one of them in [record]")
         return None, how.fs, ""
-    if (found := len(file.samples(how.time, "time"))) != samples:
-        raise file.error(f"time: {how.time.name!r} has {found} samples, expected {samples}")
-    t = file.reading(how.time, "time", use) * how.time.scale
+    t = stamps(file, how.time, use, samples)
     step = np.diff(t)
-    if (step <= 0).any():
-        k = int(np.argmax(step <= 0))
-        raise file.error(f"time: {how.time.name!r} does not increase after sample {use.start + k}, at {t[k]:.6g} s")
     long = step[step > LONG * np.median(step)] / np.median(step)
     measured = float(len(step) + np.sum(np.round(long) - 1.0)) / float(t[-1] - t[0])
     fs = how.fs or rounded_rate(measured, CLOCK)

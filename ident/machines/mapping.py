@@ -23,11 +23,13 @@ from ident.machines.toml_table import (
     number,
     numbers,
     positive,
+    rate,
     read_toml,
     text,
     whole,
 )
 from ident.records.campaign import HOLDS
+from symgen.chain import PRISMATIC, Chain
 from symgen.plan import chain_of_file
 
 AUTO = "auto"
@@ -98,11 +100,12 @@ KEYS: Mapping[str, Mapping[str, str]] = {
 
 _TORQUE = {"Nm": 1.0, "mNm": 1e-3, "A": 1.0, "mA": 1e-3}
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "rev": 2 * math.pi, "m": 1.0, "mm": 1e-3}
+_LENGTH = ("m", "mm")
 _VELOCITY = {f"{unit}/s": size for unit, size in _ANGLE.items()} | {"rpm": 2 * math.pi / 60}
-_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _COUNTS = {"motor_angle": "counts", "link_angle": "counts", "motor_velocity": "counts/s"}
 _UNITS = {
-    "torque": _TORQUE, "motor_angle": _ANGLE, "link_angle": _ANGLE, "motor_velocity": _VELOCITY, "time": _TIME,
+    "torque": _TORQUE, "motor_angle": _ANGLE, "link_angle": _ANGLE, "motor_velocity": _VELOCITY, "time": TIME_UNITS,
     "reference": {"any": 1.0},
 }  # fmt: skip
 
@@ -186,22 +189,23 @@ def load_map(path: str | Path) -> Map:
     tables = document.table("joint")
     if not tables.values:
         raise tables.error("found none, expected one [joint.NAME] table per driven joint")
-    names, urdf = _robot(robot, tables, path)
-    joints = tuple(_joint(tables.table(name), name, urdf is None) for name in names)
+    names, chain = _robot(robot, tables, path)
+    slides = {} if chain is None else {joint.name: joint.type == PRISMATIC for joint in chain.joints}
+    joints = tuple(_joint(tables.table(name), name, slides.get(name), is_log) for name in names)
     if extra := set(tables.values) - set(names):
         raise tables.table(min(extra)).error(f"not among the joints {', '.join(names)}")
     if any("link_angle" in joint.signals for joint in joints):
         for joint in joints:
             if "link_angle" not in joint.signals:
                 raise tables.table(joint.name).error("link_angle is missing; expected one of every joint or of none")
-    if urdf is None:
+    if chain is None:
         bodies = [_body(tables.table(name), name) for name in names]
         if len({body.slide for body in bodies}) > 1:
             raise robot.error("found both J_l_kgm2 and m_l_kg in the joints, expected one kind, or a URDF")
         urdf = stand_in(bodies)
         gravity = (0.0, 0.0, 0.0)
     else:
-        gravity = (0.0, 0.0, -9.81)
+        urdf, gravity = chain.source, (0.0, 0.0, -9.81)
     record = _record(document.table("record"), RecordMap(), names, is_log)
     files = document.table("file")
     return Map(
@@ -217,8 +221,8 @@ def load_map(path: str | Path) -> Map:
     )
 
 
-def _robot(robot: Table, tables: Table, path: Path) -> tuple[tuple[str, ...], str | None]:
-    """The names of the joints, base to tip, and the text of the URDF, None where the joints stand in."""
+def _robot(robot: Table, tables: Table, path: Path) -> tuple[tuple[str, ...], Chain | None]:
+    """The names of the joints, base to tip, and the chain of the URDF, None where the joints stand in."""
     given = robot.get("joints", names_of, None)
     if "urdf" not in robot.values:
         if given is None:
@@ -228,22 +232,43 @@ def _robot(robot: Table, tables: Table, path: Path) -> tuple[tuple[str, ...], st
     names = chain.names if given is None else given
     if [name for name in chain.names if name in names] != list(names):
         raise robot.error(f"joints: found {', '.join(names)}, expected some of {', '.join(chain.names)}, in this order")
-    return names, chain.source
+    return names, chain
 
 
-def _joint(table: Table, name: str, invented: bool) -> JointMap:
+def _joint(table: Table, name: str, slide: bool | None, is_log: bool) -> JointMap:
+    """The joint, which the URDF says to be a `slide` or not (None: there is no URDF)."""
     table.known(KEYS["joint"], ("torque", "motor_angle"))
     for a, b in (("N", "N_rad_per_m"), ("K_Nm_per_rad", "K_N_per_m"), ("J_l_kgm2", "m_l_kg")):
         if a in table.values and b in table.values:
             raise table.error(f"found both {a} and {b}, expected one")
     for key in ("J_l_kgm2", "m_l_kg"):
-        if key in table.values and not invented:
+        if key in table.values and slide is not None:
             raise table.error(f"{key}: the URDF says it; expected it only where there is no URDF")
     N = table.get("N", nonzero, table.get("N_rad_per_m", nonzero, 1.0))
     K = table.get("K_Nm_per_rad", positive, table.get("K_N_per_m", positive, math.nan))
-    signals = {key: _signal(table, key) for key in ("torque", "motor_angle", "motor_velocity", "link_angle")}
+    signals = {key: _signal(table, key, is_log) for key in ("torque", "motor_angle", "motor_velocity", "link_angle")}
+    for key in ("motor_angle", "motor_velocity", "link_angle"):
+        _fits(table, key, "m_l_kg" in table.values if slide is None else slide, N)
     found = {key: signal for key, signal in signals.items() if signal is not None}
     return JointMap(name, N, table.get("J_m_kgm2", positive, math.nan), K, found)
+
+
+def _fits(table: Table, key: str, slide: bool, N: float) -> None:
+    """Raises ImportingError for a length of what turns, or an angle of what slides: a motor may turn, behind its N_rad_per_m."""
+    signal = table.values.get(key)
+    unit = signal.get("unit", "") if isinstance(signal, dict) else ""
+    if not unit or unit in _COUNTS.values():
+        return
+    length, geared = unit.removesuffix("/s") in _LENGTH, N != 1
+    of_motor = key != "link_angle" and signal.get("side", "motor") == "motor"
+    if not slide and length:
+        raise table.error(f"{key} in {unit}, but the joint is revolute; expected an angle")
+    if slide and not length and not (of_motor and geared):
+        expected = "m/s or mm/s" if key == "motor_velocity" else "m or mm"
+        remedy = ", or the N_rad_per_m of a motor that turns" if of_motor else ""
+        raise table.error(f"{key} in {unit}, but the joint slides; expected {expected}{remedy}")
+    if slide and length and of_motor and geared:
+        raise table.error(f'{key} in {unit}, but N_rad_per_m says that the motor turns; expected side = "joint"')
 
 
 def _body(table: Table, name: str) -> Body:
@@ -254,7 +279,7 @@ def _body(table: Table, name: str) -> Body:
     return Body(name, False, table.get("J_l_kgm2", positive, 0.0))
 
 
-def _signal(table: Table, key: str) -> Signal | None:
+def _signal(table: Table, key: str, is_log: bool) -> Signal | None:
     value = table.values.get(key)
     if value is None:
         return None
@@ -274,6 +299,8 @@ def _signal(table: Table, key: str) -> Signal | None:
     size = 2 * math.pi / signal.get("counts_per_rev", positive, 1.0) if unit == counts else units[unit]
     gain = signal.get("gain", nonzero, 1.0)
     column = signal.get("column", whole(1), None)
+    if is_log and signal.values.get("offset") == "posture":
+        raise signal.error('offset = "posture": a log has no posture; expected the reading where the joint is at zero')
     offset, wrap = signal.values.get("offset", 0.0), signal.get("wrap", positive, None)
     constant = signal.get("torque_constant_Nm_per_A", positive, 1.0)
     return Signal(
@@ -299,7 +326,7 @@ def _record(table: Table, base: RecordMap, joints: Sequence[str], is_log: bool) 
 
     take("excited", "excited", choice(*joints))
     take("posture_rad", "posture", either(MEASURED, numbers(len(joints))))
-    take("sample_rate_Hz", "fs", positive)
+    take("sample_rate_Hz", "fs", rate)
     take("period_samples", "period", either(AUTO, whole(2)))
     take("f0_Hz", "f0", positive)
     take("periods", "periods", whole(1))
@@ -308,5 +335,5 @@ def _record(table: Table, base: RecordMap, joints: Sequence[str], is_log: bool) 
     take("lines", "lines", either(AUTO, lines_of))
     for key in ("time", "reference"):
         if key in table.values:
-            found[key] = _signal(table, key)
+            found[key] = _signal(table, key, is_log)
     return replace(base, **found)

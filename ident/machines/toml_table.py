@@ -12,6 +12,8 @@ import numpy as np
 
 from ident.errors import ImportingError, short
 
+#: Sampling rates [Hz] that a machine may have.
+RATES = (20.0, 2e5)
 _MAX_BYTES = 1_000_000
 _MAX_LINES = 1_000_000
 
@@ -99,6 +101,14 @@ def positive(value: Any) -> float:
     """A finite number > 0."""
     if (found := number(value)) <= 0:
         raise _Unfit("a number > 0")
+    return found
+
+
+def rate(value: Any) -> float:
+    """A sampling rate [Hz] that a machine may have."""
+    low, high = RATES
+    if isinstance(value, str) or not low <= (found := positive(value)) <= high:
+        raise _Unfit(f"the sampling rate in Hz, from {low:g} to {high:g}")
     return found
 
 

@@ -357,6 +357,9 @@ BAD_MAPS = [
     (f'urdf = "{URDF}"', 'urdf = "nowhere.urdf"', "nowhere.urdf"),
     ("[joint.joint1]", "[joint.joint1]\nJ_l_kgm2 = 1", "the URDF says it"),
     ("[joint.joint1]", '[joint.joint1]\nlink_angle = {name = "x", unit = "rad"}', "of every joint or of none"),
+    ("[record]", "[record]\nsample_rate_Hz = 5", "the sampling rate in Hz, from 20 to 200000"),
+    ('"theta1", unit = "rad"', '"theta1", unit = "mm"', "joint1: motor_angle in mm, but the joint is revolute"),
+    ("[joint.joint2]", '[joint.joint2]\nmotor_velocity = {name = "w", unit = "m/s"}', "joint2: motor_velocity in m/s"),
     ("[campaign]", "[campaign", "not TOML"),
 ]
 
@@ -370,12 +373,39 @@ def test_a_map_is_read_strictly(old: str, new: str, says: str, tmp_path: Path) -
     assert says in str(caught.value) and "\n" not in str(caught.value)
 
 
+SLIDE = """[campaign]\nhold = "zoh"\n[robot]\njoints = ["z"]\n[joint.z]\nm_l_kg = 2\ntorque = {name = "f", unit = "Nm"}
+motor_angle = {name = "x", ANGLE}\n[record]\n"""
+
+
+@pytest.mark.parametrize(
+    ("angle", "says"),
+    [
+        ('unit = "mm"}', ""),
+        ('unit = "mm", side = "joint"}\nN_rad_per_m = 300', ""),
+        ('unit = "deg"}\nN_rad_per_m = 300', ""),
+        ('unit = "deg"}', "z: motor_angle in deg, but the joint slides; expected m or mm, or the N_rad_per_m of a motor"),
+        ('unit = "rad", side = "joint"}\nN_rad_per_m = 300', "z: motor_angle in rad, but the joint slides; expected m or mm"),
+        ('unit = "mm"}\nN_rad_per_m = 300', 'says that the motor turns; expected side = "joint"'),
+        ('unit = "mm"}\nmotor_velocity = {name = "v", unit = "rpm"}', "motor_velocity in rpm, but the joint slides; expected m/s or mm/s"),
+    ],
+)  # fmt: skip
+def test_a_slide_is_measured_in_lengths_and_its_motor_may_turn(angle: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / "map.toml").write_text(SLIDE.replace("ANGLE}", angle))
+    if not says:
+        load_map(tmp_path / "map.toml")
+        return
+    with pytest.raises(ImportingError, match=re.escape(says)):
+        load_map(tmp_path / "map.toml")
+
+
 BAD_FILES = [
     ("", lambda c: c.pop("tau2"), "no variable 'tau2'"),
     ("", lambda c: c["theta3"].__setitem__(77, np.nan), "sample 77 of 'theta3' is nan"),
     ("", lambda c: c.update({k: np.delete(v, [800, 801, 3000]) for k, v in c.items()}), "3 samples were dropped, the first 2 after sample 799"),
     ("", lambda c: c["t"].__setitem__(5, 0.0), "does not increase after sample 4"),
     ("", lambda c: c["t"].__setitem__(4000, c["t"][4000] + 4e-4), "from an even grid"),
+    ("", lambda c: c["t"].__setitem__(4000, c["t"][4000] + 4e-4), "sample_rate_Hz in the place of time"),
+    ("", lambda c: c.update(t=c["t"] * 1e3), "says 1 Hz, expected 20 to 200000 Hz; its unit is more likely ms (1000 Hz)"),
     ("sample_rate_Hz = 500", lambda c: None, "sample_rate_Hz = 500"),
     ("sample_rate_Hz = 1010", lambda c: None, "expected one rate"),
     ("f0_Hz = 0.7", lambda c: None, "f0_Hz = 0.7"),
