@@ -41,7 +41,8 @@ def import_files(mapping: Map, files: Sequence[str | Path]) -> Imported:
     paths = [Path(file) for file in files]
     if len({path.name for path in paths}) < len(paths):
         raise ImportingError("two files of one name; expected different names, by which the map can tell them apart")
-    records, lines, notes = [], [], []
+    records: list[Record] = []
+    lines, notes = [], []
     rates: list[float] = []
     for k, path in enumerate(paths):
         file = SourceFile(path, read_variables(path), mapping.of(path))
@@ -52,6 +53,7 @@ def import_files(mapping: Map, files: Sequence[str | Path]) -> Imported:
                 f"sampled at {fs:.10g} Hz, {paths[0]} at {rates[0]:.10g} Hz; expected one rate in a campaign "
                 "(if the clocks are off, sample_rate_Hz says which)"
             )
+        file.once(record, records, paths)
         records.append(record)
         lines.append(_summary(record, fs, path))
         notes += signs(record, mapping)

@@ -46,6 +46,7 @@ def import_log(mapping: Map, files: Sequence[str | Path]) -> ImportedLog:
         if fs and rate != fs:
             raise file.error(f"sampled at {rate:.10g} Hz, {files[0]} at {fs:.10g} Hz; expected one rate in a log")
         fs = rate
+        file.once(run, runs, files)
         runs.append(run)
         moved = ", ".join(f"{span:.3g}" for span in np.ptp(run.q, axis=0))
         lines.append(f"{run.id}  {path.name}: {len(run.q)} samples at {fs:g} Hz, joints move over {moved}")

@@ -10,7 +10,7 @@ import tokenize
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.errors import ImportingError
-from ident.machines.text_tables import read_text
+from ident.machines.text_tables import BYTE_ORDERS, Seconds, read_text
 
 Array = NDArray[np.float64]
 
-#: Name -> numbers: a scalar [], a signal [T] or several side by side [T, m].
-Variables = Mapping[str, Array]
+
+class Variables(dict[str, Array]):
+    """Name -> numbers: a scalar [], a signal [T] or several side by side [T, m]; `left_out` says in words what others are, `in_seconds` names
+    what is time in s."""
+
+    def __init__(self, found: Iterable[tuple[str, Array | Seconds | str]]) -> None:
+        super().__init__()
+        self.left_out: dict[str, str] = {}
+        self.in_seconds: set[str] = set()
+        for name, value in found:
+            if isinstance(value, str):
+                self.left_out[name] = value
+            elif isinstance(value, Seconds):
+                self[name] = value.values
+                self.in_seconds.add(name)
+            else:
+                self[name] = value
+
+
+#: Fewest samples of a record.
+FEWEST = 200
 
 #: What the libraries are known to raise on a damaged file.
 _DAMAGE = (
@@ -53,17 +72,24 @@ def read_variables(path: str | Path) -> Variables:
     except (OSError, ValueError) as error:
         raise ImportingError(f"{path}: cannot be read: {_line(error)}") from None
     try:
-        found = dict(reader(path))
+        found = Variables(reader(path))
     except ImportingError:
         raise
     except _DAMAGE as error:
         raise ImportingError(f"{path}: not a readable {kind} file: {_line(error)}") from None
     if not found:
-        raise ImportingError(f"{path}: a {kind} file without numbers; expected the samples of a record")
+        others = "; ".join(f"{name!r} is {what}" for name, what in list(found.left_out.items())[:5])
+        expected = f", but {others}" if others else "; expected the samples of a record"
+        raise ImportingError(f"{path}: a {kind} file without numbers{expected}")
     return found
 
 
-def _reader(path: Path, head: bytes) -> tuple[str, Callable[[Path], Iterator[tuple[str, Array]]]]:
+def transposed(values: Array) -> bool:
+    """Returns whether signals lie in rows: a record has more samples than signals."""
+    return values.ndim == 2 and values.shape[1] > max(len(values), FEWEST)
+
+
+def _reader(path: Path, head: bytes) -> tuple[str, Callable[[Path], Iterator[tuple[str, Array | Seconds | str]]]]:
     if head.startswith(_MCAP):
         return "MCAP", _mcap
     if head.startswith(_MAT73) or (_HDF5 in (head[:8], head[512:520]) and path.suffix.lower() == ".mat"):
@@ -74,7 +100,7 @@ def _reader(path: Path, head: bytes) -> tuple[str, Callable[[Path], Iterator[tup
         return "NPZ", _npz
     if head.startswith(b"MATLAB") or path.suffix.lower() == ".mat":
         return "MAT", _mat
-    if b"\0" in head:
+    if b"\0" in head and not head.startswith(tuple(BYTE_ORDERS)):
         raise ImportingError(f"{path}: a binary file of unknown kind; expected MAT, CSV, NPZ, HDF5 or MCAP")
     return "CSV", read_text
 
@@ -82,7 +108,7 @@ def _reader(path: Path, head: bytes) -> tuple[str, Callable[[Path], Iterator[tup
 # MAT, NPZ, HDF5, MCAP -------------------------------------------------------------------------------------------------------
 
 
-def _mat(path: Path) -> Iterator[tuple[str, Array]]:
+def _mat(path: Path) -> Iterator[tuple[str, Array | str]]:
     from scipy.io import loadmat
 
     with warnings.catch_warnings():
@@ -91,47 +117,63 @@ def _mat(path: Path) -> Iterator[tuple[str, Array]]:
     yield from _fields({name: value for name, value in content.items() if not name.startswith("__")}, "")
 
 
-def _fields(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Array]]:
+def _fields(content: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Array | str]]:
     for name, value in content.items():
         if isinstance(value, Mapping):
             yield from _fields(value, f"{prefix}{name}.")
-        elif (array := _numbers(value)) is not None:
-            yield f"{prefix}{name}", array
+        elif (elements := _structs(value)) is not None:
+            yield from _fields({f"{name}({k})": element for k, element in enumerate(elements, 1)}, prefix)
+        else:
+            yield f"{prefix}{name}", _numbers(value)
 
 
-def _npz(path: Path) -> Iterator[tuple[str, Array]]:
+def _structs(value: Any) -> Sequence[Mapping[str, Any]] | None:
+    """The elements of an array of structs, else None."""
+    listed = value.ravel().tolist() if isinstance(value, np.ndarray) and value.dtype == object else value
+    return listed if isinstance(listed, list) and listed and all(isinstance(e, Mapping) for e in listed) else None
+
+
+def _npz(path: Path) -> Iterator[tuple[str, Array | str]]:
     if not zipfile.is_zipfile(path):
         raise ImportingError(f"{path}: a damaged NPZ file: its end is missing")
     with path.open("rb") as file, np.load(file, allow_pickle=False) as content:  # numpy leaves a damaged file open
         for name in content.files:
             try:
-                array = _numbers(content[name])
-            except ValueError:  # an array of Python objects
-                continue
-            if array is not None:
-                yield name, array
+                array = content[name]
+            except ValueError:
+                yield name, "an array of Python objects"
+            else:
+                yield from _columns(name, array, ".")
 
 
-def _hdf5(path: Path) -> Iterator[tuple[str, Array]]:
+def _columns(name: str, array: Any, mark: str) -> Iterator[tuple[str, Array | str]]:
+    """The array, or the fields that every element of it has."""
+    fields = getattr(getattr(array, "dtype", None), "names", None)
+    if fields is None:
+        yield name, _numbers(array)
+        return
+    for field in fields:
+        yield from _columns(f"{name}{mark}{field}", array[field], mark)
+
+
+def _hdf5(path: Path) -> Iterator[tuple[str, Array | str]]:
     for name, dataset in _datasets(path):
-        if (array := _numbers(dataset[()])) is not None:
-            yield name, array
+        yield from _columns(name, dataset[()], "/")
 
 
-def _mcap(path: Path) -> Iterator[tuple[str, Array]]:
+def _mcap(path: Path) -> Iterator[tuple[str, Array | str]]:
     from ident.machines.mcap_topics import read_topics
 
     return read_topics(path)
 
 
-def _mat73(path: Path) -> Iterator[tuple[str, Array]]:
+def _mat73(path: Path) -> Iterator[tuple[str, Array | str]]:
     """MATLAB keeps arrays column by column: what HDF5 calls [m, T] was [T, m]."""
     for name, dataset in _datasets(path):
         kind = dataset.attrs.get("MATLAB_class", b"")
         if name.startswith("#") or kind in (b"char", b"cell") or "MATLAB_empty" in dataset.attrs:
             continue
-        if (array := _numbers(np.transpose(dataset[()]))) is not None:
-            yield name.replace("/", "."), array
+        yield name.replace("/", "."), _numbers(np.transpose(dataset[()]))
 
 
 def _datasets(path: Path) -> Iterator[tuple[str, Any]]:
@@ -145,16 +187,18 @@ def _datasets(path: Path) -> Iterator[tuple[str, Any]]:
                 yield name, file[name]
 
 
-def _numbers(value: Any) -> Array | None:
-    """The value as floats with the axes of length one taken off; None if it is no array of real numbers."""
+def _numbers(value: Any) -> Array | str:
+    """The value as floats with the axes of length one taken off; what it is where it is no array of real numbers."""
     try:
         array = np.asarray(value)
-    except ValueError:  # a cell array of things of different shapes
-        return None
-    if array.dtype.kind not in "biuf" or array.size == 0:
-        return None
+    except ValueError:
+        return "a cell array of different shapes"
+    if array.dtype.kind not in "biuf":
+        return {"c": "complex", "O": "a cell array or an array of structs"}.get(array.dtype.kind, "text")
+    if array.size == 0:
+        return "empty"
     array = array.squeeze()
-    return array.astype(float) if array.ndim <= 2 else None
+    return array.astype(float) if array.ndim <= 2 else f"of {array.ndim} dimensions"
 
 
 def _line(error: BaseException) -> str:

@@ -10,8 +10,9 @@ import numpy as np
 
 from ident.errors import ImportingError
 from ident.machines.mapping import JointMap, RecordMap, Signal
-from ident.machines.readers import Variables
-from ident.records.campaign import Array
+from ident.machines.readers import Variables, transposed
+from ident.records.campaign import Array, Record, is_copy
+from ident.records.log import Trajectory
 
 #: A time stamp further than this part of a sample from an even grid is an error: the clock of the record is not even.
 JITTER = 0.25
@@ -32,6 +33,9 @@ class SourceFile:
 
     def samples(self, signal: Signal, what: str) -> Array:
         """The samples [T] of a signal as the file has them."""
+        if (other := self.variables.left_out.get(signal.name)) is not None:
+            numbers = "seconds, or dates as 2024-05-01T12:00:00.000" if what == "time" else "numbers"
+            raise self.error(f"{what}: {signal.name!r} is {other}; expected {numbers}")
         if signal.name not in self.variables:
             close = [name for name, value in self.variables.items() if value.ndim]
             shown = ", ".join(close[:20]) + (", .." if len(close) > 20 else "")
@@ -39,6 +43,11 @@ class SourceFile:
         values = self.variables[signal.name]
         if values.ndim == 0:
             raise self.error(f"{what}: {signal.name!r} is one number; expected samples")
+        if transposed(values):
+            raise self.error(
+                f"{what}: {signal.name!r} is {' x '.join(map(str, values.shape))}: transposed; expected a row a sample, so "
+                "write its transpose to the file"
+            )
         if values.ndim == 2:
             if signal.column is None or signal.column >= values.shape[1]:
                 found = "no column is named" if signal.column is None else f"column {signal.column + 1} is asked for"
@@ -101,3 +110,13 @@ class SourceFile:
                     f"{what}: by {clock}, sample {use.start + k} of {signal.name!r} is {late[k]:+.3g} samples from that of "
                     f"{played.name!r}, allowed {JITTER:g}; expected signals of the same instants"
                 )
+
+    def once(
+        self, record: Record | Trajectory, others: Sequence[Record | Trajectory], files: Sequence[str | Path]
+    ) -> None:
+        """Raises ImportingError if one of the `others`, of the `files` before, has the samples of this record."""
+        copied = next((file for file, other in zip(files, others, strict=False) if is_copy(record, other)), None)
+        if copied is not None:
+            raise self.error(
+                f"has the samples of {copied}; expected each record once, since a copy is no second measurement"
+            )

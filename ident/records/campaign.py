@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ident.records.log import Trajectory
+
 Array = NDArray[Any]
 #: What torque acts between two samples, see `Campaign.hold`.
 HOLDS = ("zoh", "band-limited")
@@ -85,6 +87,7 @@ class Campaign:
         return len(self.joints)
 
 
-def is_copy(record: Record, other: Record) -> bool:
-    """Whether two records have the same samples: noise is never twice the same."""
-    return np.array_equal(record.tau, other.tau) and np.array_equal(record.theta, other.theta)
+def is_copy(record: Record | Trajectory, other: Record | Trajectory) -> bool:
+    """Whether two records, or trajectories, have the same samples: noise is never twice the same."""
+    angles, others = (one.theta if isinstance(one, Record) else one.q for one in (record, other))
+    return np.array_equal(record.tau, other.tau) and np.array_equal(angles, others)

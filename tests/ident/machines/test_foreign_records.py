@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import synthetic
@@ -347,3 +348,38 @@ def test_cells_of_many_shapes_do_not_hide_the_rest(tmp_path: Path) -> None:
     found = read_variables(tmp_path / "r.mat")
     assert set(found) == {"tau"}
     np.testing.assert_array_equal(found["tau"], np.arange(5.0))
+
+
+def test_fields_of_structured_arrays_are_columns(tmp_path: Path) -> None:
+    """Struct arrays of MATLAB, structured ones of numpy, compounds of HDF5."""
+    x = np.zeros(5, dtype=[("tau", float), ("axis", [("q", float, 2)])])
+    x["tau"], x["axis"]["q"] = np.arange(5.0), np.arange(10.0).reshape(5, 2)
+    np.savez(tmp_path / "r.npz", data=x)
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        file["data"] = x
+    for name, mark in (("r.npz", "."), ("r.h5", "/")):
+        found = read_variables(tmp_path / name)
+        np.testing.assert_array_equal(found[f"data{mark}tau"], x["tau"])
+        np.testing.assert_array_equal(found[f"data{mark}axis{mark}q"], x["axis"]["q"])
+    savemat(tmp_path / "r.mat", {"run": np.array([{"tau": np.arange(5.0)}, {"tau": np.ones(3)}], dtype=object)})
+    found = read_variables(tmp_path / "r.mat")
+    np.testing.assert_array_equal(found["run(1).tau"], np.arange(5.0))
+    np.testing.assert_array_equal(found["run(2).tau"], np.ones(3))
+
+
+def test_what_is_no_array_of_numbers_is_told(truth: Record, tmp_path: Path) -> None:
+    np.savez(tmp_path / "r.npz", tau=truth.tau * 1j, note="text")
+    with pytest.raises(ImportingError, match="a NPZ file without numbers, but 'tau' is complex; 'note' is text"):
+        read_variables(tmp_path / "r.npz")
+    np.savez(tmp_path / "r.npz", tau=truth.tau, theta=truth.theta * 1j)
+    text = SIDE_BY_SIDE.replace("NAME", "tau").replace("ANGLE", "theta") + "sample_rate_Hz = 1000\n"
+    assert "motor_angle: 'theta' is complex; expected numbers" in refused(tmp_path, text, tmp_path / "r.npz")
+
+
+def test_signals_in_rows_are_called_transposed(truth: Record, tmp_path: Path) -> None:
+    text = SIDE_BY_SIDE.replace("NAME", "tau").replace("ANGLE", "theta")
+    for changed in ({"tau": truth.tau.T}, {"theta": truth.theta.T}):
+        np.savez(tmp_path / "r.npz", **({"t": np.arange(6000) / 1e3, "tau": truth.tau, "theta": truth.theta} | changed))
+        for rate in ("sample_rate_Hz = 1000\n", 'time = {name = "t", unit = "s"}\n'):
+            found = refused(tmp_path, text + rate, tmp_path / "r.npz")
+            assert f"{next(iter(changed))!r} is 3 x 6000: transposed; expected a row a sample" in found

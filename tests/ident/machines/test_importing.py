@@ -296,6 +296,15 @@ def test_each_file_may_be_told_apart(truth: Record, tmp_path: Path) -> None:
     assert any("two.csv" in note for note in alone.notes)
 
 
+def test_a_record_is_brought_in_once(truth: Record, tmp_path: Path) -> None:
+    """Its copy, whatever it is called and however it is written, would count as a second measurement."""
+    np.savez(tmp_path / "one.npz", **columns(truth))
+    csv(tmp_path / "two.csv", truth)
+    (tmp_path / "map.toml").write_text(NAMED + "sample_rate_Hz = 1000\n")
+    with pytest.raises(ImportingError, match=r"two.csv: has the samples of .*one.npz; expected each record once"):
+        import_files(load_map(tmp_path / "map.toml"), [tmp_path / "one.npz", tmp_path / "two.csv"])
+
+
 def test_a_stand_in_has_the_inertias_that_were_said(truth: Record, tmp_path: Path) -> None:
     text = NAMED.replace(f'urdf = "{URDF}"', 'joints = ["joint1", "joint2", "joint3"]')
     for j, J in ((1, 0.5), (2, 0.3), (3, 0.2)):
@@ -435,7 +444,7 @@ def test_a_record_that_is_amiss_is_one_line(
     [
         (b"", "no row of numbers"),
         (b"some words\nand more\n", "no row of numbers"),
-        (b"a,b\n1,2\n3\n", "below line 1"),
+        (b"a,b\n1,2\n3\n", "line 3 has 1 cell, expected 2"),
         (b"\x89MCAP0\r\n", "MCAP"),
         (b"PK\x03\x04 no archive", "NPZ"),
         (b"MATLAB 5.0 MAT-file" + b" " * 105 + b"\x00\x01IM" + b"\x0f\x00\x00\x00\xff\x00\x00\x00junk", "MAT"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,13 @@ def test_what_is_amiss_is_said_in_one_line(text: str, changed, says: str, run: T
     with pytest.raises(ImportingError) as error:
         brought(tmp_path, run, text, **changed)
     assert says in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_trajectory_is_brought_in_once(run: Trajectory, tmp_path: Path) -> None:
+    brought(tmp_path, run)
+    shutil.copy(tmp_path / "run.npz", tmp_path / "again.npz")
+    with pytest.raises(ImportingError, match=r"again.npz: has the samples of .*run.npz"):
+        import_log(load_map(tmp_path / "map.toml"), [tmp_path / "run.npz", tmp_path / "again.npz"])
 
 
 def test_topics_of_other_instants_are_refused(run: Trajectory, tmp_path: Path) -> None:
