@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.errors import ImportingError
-from ident.machines.clocks import Time, is_time, stated_rate, time_of
+from ident.machines.clocks import Time, find_time, stated_rate
 from ident.machines.joint_names import LINK, MOTOR, Channel, by_joint, of_word, split_name, words_of_joints
-from ident.machines.readers import Variables, read_variables
+from ident.machines.readers import FEWEST, Variables, read_variables, transposed
 from ident.records.campaign import Array
 from ident.records.periodic import find_lines, find_period
 from symgen.plan import chain_of_file
@@ -22,17 +22,15 @@ Lines = NDArray[np.int64]
 
 #: What a channel's name says of it; the first that fits counts.
 _WORDS = {
-    "velocity": r"omega|vel|speed|rpm|(^|[^a-z])(dq|qd|w)($|[^a-z])",
-    "torque": r"torq|tau|trq|effort|moment",
-    "current": r"(^|[^a-z])i_?q|curr|amp|(^|[^a-z])i($|[^a-z])",
-    "angle": r"theta|pos|angle|enc|phi|(^|[^a-z])q($|[^a-z])",
+    "velocity": r"omega|vel|speed|rpm|(rad|deg|°)/s|drehzahl|(^|[^a-z])(dq|qd|w)($|[^a-z])",
+    "torque": r"torq|tau|trq|effort|moment|\[m?n ?m\]",
+    "current": r"(^|[^a-z])i_?q|curr|amp|strom|\[m?a\]|(^|[^a-z])i($|[^a-z])",
+    "angle": r"theta|pos|angle|enc|phi|winkel|geber|\[(m?rad|deg|°|counts?)\]|(^|[^a-z])q($|[^a-z])",
 }
 #: How steeply each kind falls against the torque, d log / d log f, where a motor moves like a mass.
 _SLOPE = {"torque": 0.0, "velocity": -1.0, "angle": -2.0}
 #: A slope is believed when it is within this of one of them.
 _NEAR = 0.4
-#: Fewest samples of a record.
-_FEWEST = 200
 
 
 class NoMultisine(ImportingError):
@@ -79,9 +77,9 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
     path = Path(path)
     variables = read_variables(path)
     names = chain_of_file(urdf)[0].names if urdf is not None else ()
-    channels, time = _channels(variables, names)
+    channels, time = _channels(variables, names, path)
     heard = _excitation(channels, path)
-    channels = [replace(channel, kind=_kind(channel, heard)) for channel in channels]
+    channels = _readings(_with_kinds(channels, heard))
     heard = replace(heard, channel=next(c for c in channels if c.values is heard.channel.values))
     if not names and (names := words_of_joints(channels, path)):
         channels = [of_word(channel, names) for channel in channels]
@@ -92,10 +90,7 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
         names = tuple(f"joint{k + 1}" for k in range(max(map(len, torques))))
     torques, angles = ([group for group in groups if len(group) == len(names)] for groups in (torques, angles))
     if not torques or not angles:
-        raise ImportingError(
-            f"{path}: found no torque and angle of each of {', '.join(names)}; expected one channel a joint "
-            f"among {', '.join(c.name for c in channels[:20])}"
-        )
+        raise ImportingError(f"{path}: {_lacks(channels, names, urdf, path)}")
     loud = [(torque is heard.channel, float(np.std(torque.values))) for torque in torques[0]]
     excited = max(range(len(names)), key=loud.__getitem__)
     motor, link = _motor_and_link(angles, excited, heard)
@@ -124,13 +119,11 @@ def named(path: str | Path, urdf: str | Path | None = None) -> Named | None:
     path = Path(path)
     variables = read_variables(path)
     names = chain_of_file(urdf)[0].names if urdf is not None else ()
-    channels, time = _channels(variables, names)
-    told = [channel for channel in channels if not channel.commanded]
+    channels, time = _channels(variables, names, path)
+    told = [channel for channel in _readings(channels) if not channel.commanded]
 
     def of(*kinds: str) -> list[list[Channel]]:
-        return by_joint(
-            [c for c in told if next((k for k, w in _WORDS.items() if re.search(w, c.name.lower())), "") in kinds]
-        )
+        return by_joint([channel for channel in told if channel.kind in kinds])
 
     torques, angles = of("torque", "current"), of("angle")
     count = len(names) or max(map(len, torques), default=0)
@@ -141,30 +134,76 @@ def named(path: str | Path, urdf: str | Path | None = None) -> Named | None:
     return Named(path, urdf, names, torques[0], angles[0], time, stated_rate(variables))
 
 
+def _lacks(channels: Sequence[Channel], names: Sequence[str], urdf: str | Path | None, path: Path) -> str:
+    """Why no torque and angle of each joint were found."""
+    if urdf is not None and not any(name in channel.name for name in names for channel in channels):
+        words = words_of_joints(channels, path)
+        if words:
+            return (
+                f"its names speak of {', '.join(words)}, {urdf} of {', '.join(names)}; expected the URDF's names in the file, or --guess without "
+                "--urdf (then write urdf and its names of the joints into the map)"
+            )
+    return (
+        f"found no torque and angle of each of {', '.join(names)}; expected one channel a joint "
+        f"among {', '.join(c.name for c in channels[:20])}"
+    )
+
+
 # what is there --------------------------------------------------------------------------------------------------------
 
 
-def _channels(variables: Variables, joints: Sequence[str]) -> tuple[list[Channel], Time | None]:
-    """The channels that change, and the time."""
-    signals = {name: value for name, value in variables.items() if value.ndim and len(value) >= _FEWEST}
+def _channels(variables: Variables, joints: Sequence[str], path: Path) -> tuple[list[Channel], Time | None]:
+    """The channels, and the time. ImportingError where signals lie in rows."""
+    signals = {name: value for name, value in variables.items() if value.ndim and len(value) >= FEWEST}
     lengths = [len(value) for value in signals.values()]
     samples = max(set(lengths), key=lambda length: (lengths.count(length), length), default=0)
+    for name, value in variables.items():
+        if transposed(value) and value.shape[1] == (samples or value.shape[1]):
+            shape = " x ".join(map(str, value.shape))
+            raise ImportingError(
+                f"{path}: {name!r} is {shape}: transposed; expected a row a sample, so write its transpose to the file"
+            )
     found: list[Channel] = []
-    time: Time | None = None
-    for name, value in signals.items():
-        if len(value) != samples or not np.isfinite(value).all():
+    times: list[Time | None] = []
+    for name, values in signals.items():
+        if len(values) != samples:
             continue
-        if value.ndim == 2:
-            found += [Channel(name, k, value[:, k], name, f"{k:04d}") for k in range(value.shape[1])]
-            continue
-        step = np.diff(value)
-        if (step > 0).all():  # time, or a counter
-            if is_time(name) and time is None:
-                time = time_of(name, float(np.median(step)))
-            continue
-        group, joint = split_name(name, joints)
-        found.append(Channel(name, None, value, group, joint))
-    return [channel for channel in found if np.ptp(channel.values) > 0], time
+        alone, kind = values.ndim == 1, _told(name)
+        for k, (column, missing) in enumerate(map(_filled, values[:, None].T if alone else values.T)):
+            if 2 * missing > samples:
+                continue
+            if (np.diff(column) > 0).all() and (alone or not kind):  # time, or a counter
+                times.append(find_time(name, None if alone else k, column, variables))
+                if alone or times[-1]:
+                    continue
+            group, joint = split_name(name, joints) if alone else (name, f"{k:04d}")
+            found.append(Channel(name, None if alone else k, column, group, joint, kind, missing))
+    told = sorted(
+        (time for time in times if time),
+        key=lambda time: (not time.sure, time.column is not None, time.name.isdecimal()),
+    )
+    return found, next(iter(told), None)
+
+
+def _filled(values: Array) -> tuple[Array, int]:
+    """The values with those that are not finite interpolated, and how many these are."""
+    finite = np.isfinite(values)
+    if finite.all() or not finite.any():
+        return values, int((~finite).sum())
+    at = np.arange(len(values))
+    return np.interp(at, at[finite], values[finite]), int((~finite).sum())
+
+
+def _readings(channels: Sequence[Channel]) -> list[Channel]:
+    """The channels that change; and those of joints at rest: of a kind whose group changes, or torques of 0."""
+    live = {channel.group for channel in channels if not channel.still}
+    driven = ("torque", "current")
+    return [
+        channel
+        for channel in channels
+        if not channel.still
+        or (channel.kind and (channel.group in live or (channel.kind in driven and not channel.values.any())))
+    ]
 
 
 def _excitation(channels: Sequence[Channel], path: Path) -> Excitation:
@@ -190,11 +229,21 @@ def _excitation(channels: Sequence[Channel], path: Path) -> Excitation:
     return best
 
 
+def _told(name: str) -> str:
+    """What a channel is by its name."""
+    return next((kind for kind, words in _WORDS.items() if re.search(words, name.lower())), "")
+
+
+def _with_kinds(channels: Sequence[Channel], heard: Excitation) -> list[Channel]:
+    """The channels with what they are: where their names say nothing as the others of their group, if these are all alike."""
+    found = [replace(channel, kind=channel.kind or _kind(channel, heard)) for channel in channels]
+    kinds = {group: {c.kind for c in found if c.group == group and c.kind} for group in {c.group for c in found}}
+    alike = {group: min(kinds) for group, kinds in kinds.items() if len(kinds) == 1}
+    return [channel if channel.kind else replace(channel, kind=alike.get(channel.group, "")) for channel in found]
+
+
 def _kind(channel: Channel, heard: Excitation) -> str:
-    """What a channel is: by its name, where that says nothing by how it falls with frequency against the excitation."""
-    for kind, words in _WORDS.items():
-        if re.search(words, channel.name.lower()):
-            return kind
+    """What a channel is by how it falls with frequency against the excitation."""
     size = np.abs(heard.spectrum(channel.values)) / np.abs(heard.spectrum(heard.channel.values))
     low = slice(0, max(4, len(heard.lines) // 20))
     if not (size[low] > 0).all():

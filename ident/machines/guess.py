@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ident.machines.channels import Found, Lines, Named, NoMultisine, look, named
+from ident.machines.channels import Found, Named, NoMultisine, look, named
+from ident.machines.import_notes import RESTS
 from ident.machines.joint_names import Channel
 from ident.toml_text import key, quoted
 
@@ -17,6 +17,10 @@ from ident.toml_text import key, quoted
 _UNEVEN = 0.1
 #: Swing of a motor about its mean beyond which its angle is hardly in rad.
 _WIDE = 10.0
+#: Counts per revolution of an encoder of which none are known.
+_COUNTS = 4096
+#: How names of angles say their unit.
+_ANGLES = {"deg": r"deg|°", "mrad": r"(^|[^a-z])mrad", "rad": r"(^|[^a-z])rad($|[^a-z])"}
 
 
 def guess(files: Sequence[str | Path], urdf: str | Path | None = None) -> str:
@@ -43,28 +47,40 @@ def _text_of_log(found: Named) -> str:
         f"joints = [{', '.join(map(quoted, found.names))}]",
         "# no URDF: one link a joint stands in" if found.urdf is None else f"urdf = {quoted(str(found.urdf))}",
     ]
+    unit = _angle_unit(found.angle)
     for name, torque, angle in zip(found.names, found.torque, found.angle, strict=True):
-        current = bool(re.search(r"curr|amp|i_?q", torque.name.lower()))
-        unit, swing = _angle_unit(angle)
+        current = torque.kind == "current"
         rows += ["", f"[joint.{key(name)}]"]
         rows += ["J_l_kgm2 = 1.0  # CHECK: no URDF says it"] if found.urdf is None else []
         of_torque, side = f'unit = "{_torque_unit(torque, current)}"', ', side = "joint"'
         rows += [
             "# N = 100  # motor revolutions per joint revolution, if one of the sides below is the motor's",
             f"torque = {_signal(torque, of_torque + side)}  # CHECK unit and side",
-            f"motor_angle = {_signal(angle, unit + side)}  # CHECK unit and side: it swings by {swing:.3g}",
+            f"motor_angle = {_signal(angle, unit + side)}  # CHECK unit and side: it swings by {_swing(angle):.3g}",
         ]
-    rows += ["", "[record]"]
+    rows += ["", "[record]", _clock(found)]
+    return "\n".join(rows + _missing(found.torque + found.angle)) + "\n"
+
+
+def _clock(found: Found | Named) -> str:
+    """The line that says when samples were taken; one that no import accepts where the file does not tell."""
     if found.time:
-        unsure = "" if found.time.sure else "; CHECK the unit"
-        rows.append(
-            f'time = {{name = {quoted(found.time.name)}, unit = "{found.time.unit}"}}  # {found.time.rate:.6g} Hz{unsure}'
-        )
-    else:
-        rows.append(
-            f"sample_rate_Hz = {found.rate or 1000.0:.10g}  # {'the file says so' if found.rate else 'CHECK: the file does not say'}"
-        )
-    return "\n".join(rows) + "\n"
+        column = "" if found.time.column is None else f", column = {found.time.column + 1}"
+        unsure = "" if found.time.sure else "; CHECK the unit" if column == "" else "; CHECK: told by its even steps"
+        return f'time = {{name = {quoted(found.time.name)}{column}, unit = "{found.time.unit}"}}  # {found.time.rate:.6g} Hz{unsure}'
+    if found.rate:
+        return f"sample_rate_Hz = {found.rate:.10g}  # the file says so"
+    return 'sample_rate_Hz = "?"  # CHECK: the file does not say; fill in the number'
+
+
+def _missing(channels: Sequence[Channel]) -> list[str]:
+    """A remark on samples that are no numbers."""
+    return [
+        f"# CHECK: of {_signal(channel, '')} {channel.missing} of {len(channel.values)} samples are no numbers: leave them out by periods or "
+        "samples, and skip_samples"
+        for channel in channels
+        if channel.missing
+    ]
 
 
 def _text(found: Found, files: int) -> str:
@@ -94,13 +110,7 @@ def _text(found: Found, files: int) -> str:
         if alone and len(found.names) == 1
         else 'posture_rad = "measured"  # CHECK: or the angles at rest',
     ]
-    if found.time:
-        unsure = "" if found.time.sure else "; CHECK the unit"
-        rows.append(f'time = {{name = {quoted(found.time.name)}, unit = "{found.time.unit}"}}  # {fs:.6g} Hz{unsure}')
-    elif found.rate:
-        rows.append(f"sample_rate_Hz = {found.rate:.10g}  # the file says so")
-    else:
-        rows.append("sample_rate_Hz = 1000  # CHECK: the file does not say")
+    rows.append(_clock(found))
     if found.reference:
         rows.append(f"reference = {_signal(found.reference, '')}  # the most periodic channel")
     lines = heard.lines
@@ -109,6 +119,7 @@ def _text(found: Found, files: int) -> str:
     rows += [
         f"# period: {heard.period} samples, found" if files > 1 else f"period_samples = {heard.period}  # found",
         f'lines = "auto"  # here {what}',
+        *_missing(found.torque + found.motor + (found.link or []) + (found.speed or [])),
     ]
     return "\n".join(rows) + "\n"
 
@@ -121,13 +132,11 @@ def _joint(found: Found, k: int) -> list[str]:
     opposed = (
         live and min(np.median((np.conj(tau) * theta).real[part]) for part in (slice(count), slice(-count, None))) > 0
     )
-    rows = []
-    unit, swing = _angle_unit(motor)
-    back = _gear(theta, heard.spectrum(found.link[k].values), heard.lines) if found.link and live else 1.0
-    N = f"{abs(back):.3g}" if abs(abs(back) - 1) > _UNEVEN else "1"
-    rows.append(f"N = {N}  # CHECK: motor revolutions per joint revolution")
+    unit = _angle_unit(found.motor)
+    N, told = _ratio(found, k)
+    rows = [f"N = {N:.3g}  # CHECK: motor revolutions per joint revolution{told}"]
     if found.urdf is None:
-        rows.append(f"J_l_kgm2 = {_inertia(found, k, float(N)):.2g}  # half of what the lowest lines feel, as a start")
+        rows.append(f"J_l_kgm2 = {_inertia(found, k, N):.2g}  # half of what the lowest lines feel, as a start")
     current = torque.kind == "current"
     kind = f'unit = "{_torque_unit(torque, current)}"'
     note = "CHECK the unit: a current; add torque_constant_Nm_per_A if known" if current else "CHECK the unit"
@@ -136,22 +145,44 @@ def _joint(found: Found, k: int) -> list[str]:
     sign = ", sign = -1" if opposed else ""
     why = "; in phase with the torque, so turned" if opposed else ""
     rows.append(
-        f"motor_angle = {_signal(motor, unit + sign + offset)}  # CHECK the unit: it swings by {swing:.3g}{why}"
+        f"motor_angle = {_signal(motor, unit + sign + offset)}  # CHECK the unit: it swings by {_swing(motor):.3g}{why}"
     )
     if found.speed:
-        per_s = unit.replace('"counts"', '"counts/s"').replace('"rad"', '"rad/s"').replace('"deg"', '"deg/s"')
+        per_s = re.sub('unit = "([a-z]+)"', r'unit = "\1/s"', unit)
         rows.append(f"motor_velocity = {_signal(found.speed[k], per_s + sign)}  # the slope of motor_angle")
     if found.link:
-        link_unit, swing = _angle_unit(found.link[k])
-        turned = (back < 0) != bool(opposed)
+        turned = live and (_gear(found) < 0) != bool(opposed)
         why = "; against the motor, so turned" if turned else ""
-        link = _signal(found.link[k], link_unit + (", sign = -1" if turned else "") + offset)
-        rows.append(f"link_angle = {link}  # CHECK the unit: it swings by {swing:.3g}{why}")
+        link = _signal(found.link[k], _angle_unit(found.link) + (", sign = -1" if turned else "") + offset)
+        rows.append(f"link_angle = {link}  # CHECK the unit: it swings by {_swing(found.link[k]):.3g}{why}")
     return rows
 
 
-def _gear(motor: NDArray[np.complex128], link: NDArray[np.complex128], lines: Lines) -> float:
-    """Motor over link angle at standstill, with its sign: theta/q = N (1 - f^2/f_AR^2) of two masses, by its lowest lines."""
+def _ratio(found: Found, k: int) -> tuple[float, str]:
+    """Motor revolutions per joint revolution, and how they are told: of the excited joint by how it moves, of others by where they rest."""
+    if found.link is None:
+        return 1.0, ""
+    N = abs(_gear(found))
+    N = N if abs(N - 1) > _UNEVEN else 1.0
+    if k == found.excited:
+        return N, ""
+    sizes = (_size(found.motor), _size(found.link))
+    theta, q = (
+        abs(float(np.mean(group[k].values))) * size
+        for group, size in zip((found.motor, found.link), sizes, strict=True)
+    )
+    if q > RESTS and abs(theta / q / N - 1) < _UNEVEN:
+        return theta / q, ": by the angles at rest"
+    return N, f": as {found.names[found.excited]}'s, nothing here tells"
+
+
+def _gear(found: Found) -> float:
+    """Motor over link angle of the excited joint at standstill, with its sign: theta/q = N (1 - f^2/f_AR^2) of two masses, by its lowest lines."""
+    assert found.link is not None  # where there are two encoders
+    lines = found.heard.lines
+    motor, link = (
+        found.heard.spectrum(group[found.excited].values) * _size(group) for group in (found.motor, found.link)
+    )
     low = slice(0, max(4, len(lines) // 4))
     ratio = (motor[low] / link[low]).real
     return float(np.polyfit(lines[low].astype(float) ** 2, ratio, 1)[1]) if np.isfinite(ratio).all() else 1.0
@@ -159,8 +190,9 @@ def _gear(motor: NDArray[np.complex128], link: NDArray[np.complex128], lines: Li
 
 def _inertia(found: Found, k: int, N: float) -> float:
     """Half the inertia that the joint's lowest lines feel, behind the gear, in the units of the file."""
-    fs = (found.time.rate if found.time else found.rate) or 1000.0
-    heard = found.heard
+    fs, heard = found.time.rate if found.time else found.rate, found.heard
+    if fs is None or found.torque[k].still or found.motor[k].still:
+        return 1.0
     count = max(1, len(heard.lines) // 10)
     w = 2 * np.pi * heard.lines[:count] * fs / heard.period
     size = np.abs(heard.spectrum(found.torque[k].values)[:count] / heard.spectrum(found.motor[k].values)[:count]) / w**2
@@ -174,13 +206,26 @@ def _torque_unit(channel: Channel, current: bool) -> str:
     return f"m{unit}" if small else unit
 
 
-def _angle_unit(channel: Channel) -> tuple[str, float]:
-    """The unit of an angle as the map says it, and its swing: whole numbers are counts, wide swings degrees."""
-    values = channel.values
-    swing = float(np.ptp(values)) / 2
-    if np.array_equal(values, np.round(values)) and len(np.unique(values[:1000])) > 2:
-        return 'unit = "counts", counts_per_rev = 4096', swing
-    return ('unit = "deg"' if re.search("deg", channel.name.lower()) or swing > _WIDE else 'unit = "rad"'), swing
+def _angle_unit(angles: Sequence[Channel]) -> str:
+    """The unit of angles of one kind as the map says it: as a name says; whole numbers are counts, wide swings degrees."""
+    names = " ".join(channel.name.lower() for channel in angles)
+    whole = all(np.array_equal(channel.values, np.round(channel.values)) for channel in angles)
+    if whole and any(len(np.unique(channel.values[:1000])) > 2 for channel in angles):
+        return f'unit = "counts", counts_per_rev = {_COUNTS}'
+    for unit, words in _ANGLES.items():
+        if re.search(words, names):
+            return f'unit = "{unit}"'
+    return 'unit = "deg"' if max(map(_swing, angles)) > _WIDE else 'unit = "rad"'
+
+
+def _size(angles: Sequence[Channel]) -> float:
+    """The unit of these angles in rad."""
+    unit = _angle_unit(angles).split('"')[1]
+    return {"counts": 2 * np.pi / _COUNTS, "deg": np.pi / 180, "mrad": 1e-3}.get(unit, 1.0)
+
+
+def _swing(channel: Channel) -> float:
+    return float(np.ptp(channel.values)) / 2
 
 
 def _signal(channel: Channel, rest: str) -> str:

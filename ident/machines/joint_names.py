@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from os.path import commonprefix
 from pathlib import Path
 
+import numpy as np
+
 from ident.errors import ImportingError
 from ident.records.campaign import Array
 
@@ -25,7 +27,8 @@ _ROLE = (
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One reading: variable, column (from 0), values [T]; `group` is the name without the joint, `joint` its number."""
+    """One reading: variable, column (from 0), values [T]; `group` is the name without the joint, `joint` its number; of the values `missing` ones
+    were not finite and are interpolated."""
 
     name: str
     column: int | None
@@ -33,6 +36,11 @@ class Channel:
     group: str
     joint: str
     kind: str = ""
+    missing: int = 0
+
+    @property
+    def still(self) -> bool:
+        return bool(np.ptp(self.values) == 0)
 
     @property
     def commanded(self) -> bool:
