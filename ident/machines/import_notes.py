@@ -24,7 +24,8 @@ def _spectra(record: Record, values: Array) -> NDArray[np.complex128]:
 
 
 def signs(record: Record, mapping: Map) -> list[str]:
-    """A note for the excited joint if torque and motor, or motor and link, seem to turn in opposite directions.
+    """A note for the excited joint if torque and motor, or motor and link, seem to turn in opposite directions, or the motor's velocity is not
+    the slope of its angle.
 
     Far below and far above its modes a motor moves like a mass: in antiphase with its torque.
     """
@@ -37,6 +38,14 @@ def signs(record: Record, mapping: Map) -> list[str]:
         notes.append(
             f"record {record.id}: torque and motor angle of {record.excited} seem of opposite sign: check the map"
         )
+    if record.omega is not None:
+        slope, omega = 2j * np.pi * record.lines * record.f0 * theta, _spectra(record, record.omega)[:, k]
+        times = float((np.conj(slope) * omega)[:count].real.sum() / (np.abs(slope[:count]) ** 2).sum())
+        if not 0.5 < times < 2:
+            notes.append(
+                f"record {record.id}: motor_velocity of {record.excited} is {times:.2g} times the slope of its motor_angle at the lowest lines; "
+                "expected 1: check its unit, sign and column"
+            )
     if record.q_link is not None:
         link = _spectra(record, record.q_link)[:, k] * mapping.joints[k].N
         share = float(np.median((np.conj(theta) * link)[:count].real / np.abs(theta[:count]) ** 2))

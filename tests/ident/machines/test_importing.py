@@ -328,6 +328,30 @@ def test_wrong_signs_and_gears_are_noted(truth: Record, tmp_path: Path) -> None:
     assert any("moves 2.5 times" in note for note in notes)
 
 
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [
+        ('column = @, unit = "rad/s"', ""),
+        ('column = @, unit = "deg/s"', "is 0.017 times the slope"),
+        ('column = @, unit = "rad/s", sign = -1', "is -1 times the slope"),
+        ('column = 1, unit = "rad/s"', "times the slope"),
+    ],
+)
+def test_a_velocity_that_is_not_the_slope_of_its_angle_is_noted(
+    how: str, says: str, truth: Record, tmp_path: Path
+) -> None:
+    speed = np.gradient(truth.theta, 1 / synthetic.FS, axis=0)
+    np.savez(tmp_path / "record.npz", tau=truth.tau, theta=truth.theta, speed=speed)
+    text = SIDE_BY_SIDE.replace("NAME", "tau").replace("ANGLE", "theta") + "sample_rate_Hz = 1000\n"
+    for j in (1, 2, 3):
+        velocity = f'[joint.joint{j}]\nmotor_velocity = {{name = "speed", {how.replace("@", str(j))}}}\n'
+        text = text.replace(f"[joint.joint{j}]\n", velocity)
+    (tmp_path / "map.toml").write_text(text)
+    notes = import_files(load_map(tmp_path / "map.toml"), [tmp_path / "record.npz"]).notes
+    told = [note for note in notes if "motor_velocity of joint2" in note]
+    assert len(told) == bool(says) and all(says in note for note in told)
+
+
 def test_a_gear_that_no_angle_at_rest_tells_of_is_noted(truth: Record, tmp_path: Path) -> None:
     np.savez(tmp_path / "record.npz", tau=truth.tau, theta=truth.theta)
     text = SIDE_BY_SIDE.replace("NAME", "tau").replace("ANGLE", "theta") + "sample_rate_Hz = 1000\n"
