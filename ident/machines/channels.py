@@ -16,6 +16,7 @@ from ident.machines.joint_names import LINK, MOTOR, Channel, by_joint, of_word, 
 from ident.machines.readers import FEWEST, Variables, read_variables, transposed
 from ident.records.campaign import Array
 from ident.records.periodic import find_lines, find_period
+from symgen.chain import PRISMATIC
 from symgen.plan import chain_of_file
 
 Lines = NDArray[np.int64]
@@ -52,7 +53,7 @@ class Excitation:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """All that goes into a map: channels a joint [n], which joint is excited, the time or a rate [Hz]."""
+    """All that goes into a map: channels a joint [n], which joint is excited, the time or a rate [Hz], which joints slide."""
 
     path: Path
     urdf: str | Path | None
@@ -66,6 +67,7 @@ class Found:
     heard: Excitation
     time: Time | None
     rate: float | None
+    slides: frozenset[str]
 
 
 def look(path: str | Path, urdf: str | Path | None = None) -> Found:
@@ -76,9 +78,13 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
     """
     path = Path(path)
     variables = read_variables(path)
-    names = chain_of_file(urdf)[0].names if urdf is not None else ()
+    chain = chain_of_file(urdf)[0] if urdf is not None else None
+    names = chain.names if chain is not None else ()
+    slides = (
+        frozenset(joint.name for joint in chain.joints if joint.type == PRISMATIC) if chain is not None else frozenset()
+    )
     channels, time = _channels(variables, names, path)
-    heard = _excitation(channels, path)
+    heard = _excitation(channels, path, variables.others)
     channels = _readings(_with_kinds(channels, heard))
     heard = replace(heard, channel=next(c for c in channels if c.values is heard.channel.values))
     if not names and (names := words_of_joints(channels, path)):
@@ -98,7 +104,7 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
     speed = _derivative([group for group in speeds if len(group) == len(names)], motor, excited, heard, variables, time)
     reference = heard.channel if heard.channel is not torques[0][excited] else None
     rate = stated_rate(variables)
-    return Found(path, urdf, names, excited, torques[0], motor, link, speed, reference, heard, time, rate)
+    return Found(path, urdf, names, excited, torques[0], motor, link, speed, reference, heard, time, rate, slides)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +212,7 @@ def _readings(channels: Sequence[Channel]) -> list[Channel]:
     ]
 
 
-def _excitation(channels: Sequence[Channel], path: Path) -> Excitation:
+def _excitation(channels: Sequence[Channel], path: Path, others: str) -> Excitation:
     """The channel that is a multisine and repeats most exactly; of equals, the strongest."""
     best, least = None, (np.inf, np.inf)
     for channel in channels:
@@ -225,6 +231,7 @@ def _excitation(channels: Sequence[Channel], path: Path) -> Excitation:
         raise NoMultisine(
             f"{path}: no channel is a multisine played twice or more; expected a periodic torque or current with lines "
             "that stand out (of another motion a map with [log] makes a log: ident import --keys)"
+            + (f"; left out: {others}" if others else "")
         )
     return best
 

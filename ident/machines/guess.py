@@ -134,7 +134,12 @@ def _joint(found: Found, k: int) -> list[str]:
     )
     unit = _angle_unit(found.motor)
     N, told = _ratio(found, k)
-    rows = [f"N = {N:.3g}  # CHECK: motor revolutions per joint revolution{told}"]
+    per, means = (
+        ("N_rad_per_m", "motor rad per m")
+        if found.names[k] in found.slides
+        else ("N", "motor revolutions per joint revolution")
+    )
+    rows = [f"{per} = {N:.3g}  # CHECK: {means}{told}"]
     if found.urdf is None:
         rows.append(f"J_l_kgm2 = {_inertia(found, k, N):.2g}  # half of what the lowest lines feel, as a start")
     current = torque.kind == "current"

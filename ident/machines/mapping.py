@@ -13,6 +13,7 @@ from typing import Any
 
 from ident.machines.stand_in import Body, stand_in
 from ident.machines.toml_table import (
+    RATES,
     Check,
     Table,
     choice,
@@ -66,20 +67,20 @@ KEYS: Mapping[str, Mapping[str, str]] = {
     "signal": {
         "name": "variable of the file, or heading of the column",
         "column": "which column of a variable with several, from 1",
-        "unit": "torque: Nm, mNm, A, mA; angle: rad, mrad, deg, rev, counts, m, mm; velocity: any of these per s, or rpm",
+        "unit": "torque: Nm, mNm, A, mA; angle: rad, mrad, deg, rev, counts, of what slides m, mm; velocity: any of these per s, or rpm",
         "counts_per_rev": "with unit counts: of one revolution",
         "torque_constant_Nm_per_A": "with unit A or mA; left out where unknown, of a single joint: inertia is then in A s2/rad",
         "sign": "1 or -1: positive torque must speed the motor up in the direction of positive motor and link angle",
         "gain": "what the file has times this is the reading, in the unit (default 1)",
         "offset": "reading, in the unit (counts: in counts), where the joint is at zero, before sign and side count "
-        "(default 0); or \"posture\": what puts the mean there",
+        "(default 0); or \"posture\": what puts the mean there (not in a log, which has none)",
         "wrap": "the reading, in the unit, jumps back by this: unwound from the first sample of the file on",
         "side": "\"motor\" (default) or \"joint\": behind the gear, to be divided (torque) or multiplied (angle) by N",
     },
     "record": {
         "excited": "the joint whose motor got the multisine",
         "posture_rad": "link angles at rest (m for slides), one a joint; or \"measured\": the mean of the motor angles",
-        "sample_rate_Hz": "sampling rate; or time",
+        "sample_rate_Hz": f"sampling rate, {RATES[0]:g} to {RATES[1]:g}; or time",
         "time": "signal: time of every sample, unit s, ms, us or ns: checked for samples dropped among those taken",
         "period_samples": "samples a period, or \"auto\" (default): found from the reference, whole from skip_samples on",
         "f0_Hz": "line spacing, to check the above",
@@ -90,7 +91,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "torque); all other signals are of as many samples and of the same instants",
     },
     "record of a log": {
-        "sample_rate_Hz": "sampling rate; or time",
+        "sample_rate_Hz": f"sampling rate, {RATES[0]:g} to {RATES[1]:g}; or time",
         "time": "signal: time of every sample; where its steps are not even, signals are interpolated",
         "skip_samples": "samples before the first one to take (default 0)",
         "samples": "how many to take (default: all)",

@@ -5,6 +5,7 @@ The campaign file has its own door, `store`; these files are foreign and are onl
 
 from __future__ import annotations
 
+import csv
 import struct
 import tokenize
 import warnings
@@ -40,6 +41,11 @@ class Variables(dict[str, Array]):
             else:
                 self[name] = value
 
+    @property
+    def others(self) -> str:
+        """What was left out, in words; "" where that is nothing."""
+        return "; ".join(f"{name!r} is {what}" for name, what in list(self.left_out.items())[:5])
+
 
 #: Fewest samples of a record.
 FEWEST = 200
@@ -47,7 +53,7 @@ FEWEST = 200
 #: What the libraries are known to raise on a damaged file.
 _DAMAGE = (
     OSError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError, AttributeError, RuntimeError, EOFError,
-    zlib.error, zipfile.BadZipFile, struct.error, SyntaxError, NameError, tokenize.TokenError,
+    csv.Error, zlib.error, zipfile.BadZipFile, struct.error, SyntaxError, NameError, tokenize.TokenError,
 )  # fmt: skip
 
 _MAT73 = b"MATLAB 7.3"
@@ -78,8 +84,7 @@ def read_variables(path: str | Path) -> Variables:
     except _DAMAGE as error:
         raise ImportingError(f"{path}: not a readable {kind} file: {_line(error)}") from None
     if not found:
-        others = "; ".join(f"{name!r} is {what}" for name, what in list(found.left_out.items())[:5])
-        expected = f", but {others}" if others else "; expected the samples of a record"
+        expected = f", but {found.others}" if found.others else "; expected the samples of a record"
         raise ImportingError(f"{path}: a {kind} file without numbers{expected}")
     return found
 

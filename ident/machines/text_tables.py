@@ -24,7 +24,7 @@ BYTE_ORDERS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 #: Rows that tell how a file is laid out; they are taken from its second half, where no heading is.
 _ROWS = 200
 #: Separators of cells and whether their numbers may have decimal commas, in this order where both fit; None: blanks.
-_LAYOUTS = ((",", False), (";", True), ("\t", True), (None, False), (None, True))
+_LAYOUTS = ((",", False), (";", True), ("\t", True), (None, False), (None, True), (",", True))
 #: Kinds of cells that numbers are made of.
 _TOLD = ("number", "date")
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?")
@@ -86,8 +86,8 @@ class _Table:
 def read_text(path: Path) -> Iterator[tuple[str, Array | Seconds | str]]:
     """The columns of a text file: numbers, dates in ISO 8601, or in words what else they are.
 
-    Cells are separated by commas, semicolons, tabs or blanks (the latter three with either decimal sign, of which a file has one) and may be
-    quoted. An empty cell among numbers is NaN. ImportingError, one line that names line and column, for a cell that is no number.
+    Cells are separated by commas, semicolons, tabs or blanks, with either decimal sign, of which a file has one, and may be quoted (where commas
+    are both they must). An empty cell among numbers is NaN. ImportingError, one line that names line and column, for a cell that is no number.
     """
     lines = _lines(path)
     filled = {k: line.partition("#")[0] for k, line in enumerate(lines, 1) if line.partition("#")[0].strip()}
@@ -119,12 +119,12 @@ def _lines(path: Path) -> list[str]:
 
 
 def _cells(line: str, separator: str | None, commas: bool) -> list[str]:
-    line = line.replace(",", ".") if commas else line
     if separator is None or '"' not in line:
         cells = line.split(separator)
     else:
         cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-    return [cell.strip().strip("\"'").strip() for cell in cells]
+    bare = [cell.strip().strip("\"'").strip() for cell in cells]
+    return [cell.replace(",", ".") for cell in bare] if commas else bare
 
 
 def _kind(cell: str, commas: bool) -> str:
@@ -210,14 +210,20 @@ def _numbers(table: _Table) -> dict[int, Array]:
     """The columns of numbers, by where they are. ImportingError names the cell that is none."""
     layout = table.layout
     which = [k for k, kind in enumerate(layout.kinds) if kind == "number"]
-    lines = [line.replace(",", ".") if layout.commas else line for line in table.rows.values()]
     separator, count = layout.separator, len(layout.kinds)
-    if all((line.count(separator) + 1 if separator else len(line.split())) == count for line in lines):
+    quoted = layout.commas and separator == ","  # commas of two meanings
+    lines = [line.replace(",", ".") if layout.commas else line for line in table.rows.values()]
+    if (
+        which
+        and not quoted
+        and all((line.count(separator) + 1 if separator else len(line.split())) == count for line in lines)
+    ):
         try:
             values = np.loadtxt(lines, delimiter=separator, usecols=which, ndmin=2, comments=None, quotechar='"')
-            return dict(zip(which, values.T, strict=True))
         except ValueError:
-            pass  # what is amiss is found cell by cell
+            values = np.empty((0, 0))  # what is amiss is found cell by cell
+        if values.shape == (len(lines), len(which)):  # no quote that is left open takes lines together
+            return dict(zip(which, values.T, strict=True))
     found = np.full((len(table.rows), count), np.nan)
     for row, line in enumerate(table.rows):
         cells = table.cells(line)

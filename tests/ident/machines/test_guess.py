@@ -143,3 +143,27 @@ def test_signals_in_rows_are_called_transposed(truth: Record, tmp_path: Path) ->
         np.savez(tmp_path / "r.npz", tau=truth.tau.T, theta=truth.theta.T, **more)
         with pytest.raises(ImportingError, match="'tau' is 3 x 6000: transposed; expected a row a sample"):
             guess([tmp_path / "r.npz"])
+
+
+def test_a_slide_has_the_gear_of_a_slide(truth: Record, tmp_path: Path) -> None:
+    """The map is refused until it says how far a turn of the motor moves it."""
+    urdf = URDF.parents[1] / "scara4/scara4.urdf"
+    table = {f"{key}{k + 1}": getattr(truth, key)[:, min(k, 2)] for key in ("tau", "theta") for k in range(4)}
+    np.savez(tmp_path / "r.npz", fs=1000.0, **table)
+    text = guess([tmp_path / "r.npz"], urdf)
+    assert [("N" in joint, "N_rad_per_m" in joint) for joint in tomllib.loads(text)["joint"].values()] == [
+        (True, False), (True, False), (False, True), (True, False)
+    ]  # fmt: skip
+    (tmp_path / "map.toml").write_text(text)
+    with pytest.raises(ImportingError, match="joint3: motor_angle in rad, but the joint slides; expected m or mm, or"):
+        load_map(tmp_path / "map.toml")
+    (tmp_path / "map.toml").write_text(text.replace("N_rad_per_m = 1", "N_rad_per_m = 314"))
+    assert load_map(tmp_path / "map.toml").joints[2].N == 314
+
+
+def test_what_was_left_out_is_told_where_nothing_is_found(tmp_path: Path) -> None:
+    cell = np.empty(2, dtype=object)
+    cell[:] = [np.arange(300.0), np.arange(5.0)]
+    savemat(tmp_path / "r.mat", {"data": cell, "x": np.arange(300.0)})
+    with pytest.raises(ImportingError, match="no channel is a multisine.*; left out: 'data' is a cell array"):
+        guess([tmp_path / "r.mat"])

@@ -26,6 +26,7 @@ def table(head: str, row: str, tail: str = "") -> str:
 
 READ = {
     "quoted": table('"t","tau"', '"{t}","{tau}"'),
+    "quoted decimal commas": table("t,tau", '"{T}","{TAU}"'),
     "a comma at the end": table("t,tau,", "{t},{tau},"),
     "a comma at the end of numbers only": table("t,tau", "{t},{tau},"),
     "words": table("t,mode,tau", "{t},RUN,{tau}"),
