@@ -60,6 +60,20 @@ def test_time_may_be_a_column_that_grows_evenly(joint: dict[str, np.ndarray], tm
     assert "# 2500 Hz; CHECK: told by its even steps" in text
 
 
+def test_dates_and_clocks_of_topics_are_in_seconds(joint: dict[str, np.ndarray], tmp_path: Path) -> None:
+    """Though at 50 Hz milliseconds fit as well, and more often."""
+    tau, theta = joint.values()
+    rows = [
+        f"2024-05-01T12:{k // 3000:02d}:{k / 50 % 60:06.3f},{a},{b}"
+        for k, (a, b) in enumerate(zip(tau, theta, strict=True))
+    ]
+    (tmp_path / "r.csv").write_text("\n".join(["time,tau,theta", *rows]))
+    np.savez(tmp_path / "r.npz", **joint, **{"js/header/stamp": np.arange(6000) / 50})
+    for file, name in (("r.csv", "time"), ("r.npz", "js/header/stamp")):
+        text = guess([tmp_path / file])
+        assert f'time = {{name = "{name}", unit = "s"}}  # 50 Hz\n' in text
+
+
 def test_a_rate_that_no_file_says_is_left_open(joint: dict[str, np.ndarray], tmp_path: Path) -> None:
     """Neither by a counter nor by what does not grow evenly; the map is refused until a person fills it in."""
     uneven = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 6000))
