@@ -87,14 +87,7 @@ def look(path: str | Path, urdf: str | Path | None = None) -> Found:
     heard = _excitation(channels, path, variables.others)
     channels = _readings(_with_kinds(channels, heard))
     heard = replace(heard, channel=next(c for c in channels if c.values is heard.channel.values))
-    if not names and (names := words_of_joints(channels, path)):
-        channels = [of_word(channel, names) for channel in channels]
-    torques = by_joint([c for c in channels if c.kind in ("torque", "current") and not c.commanded])
-    torques = torques or by_joint([c for c in channels if c.kind in ("torque", "current")])
-    angles = by_joint([c for c in channels if c.kind == "angle" and not c.commanded])
-    if not names:
-        names = tuple(f"joint{k + 1}" for k in range(max(map(len, torques))))
-    torques, angles = ([group for group in groups if len(group) == len(names)] for groups in (torques, angles))
+    channels, names, torques, angles = _of_every_joint(channels, names, path)
     if not torques or not angles:
         raise ImportingError(f"{path}: {_lacks(channels, names, urdf, path)}")
     loud = [(torque is heard.channel, float(np.std(torque.values))) for torque in torques[0]]
@@ -127,17 +120,27 @@ def named(path: str | Path, urdf: str | Path | None = None) -> Named | None:
     names = chain_of_file(urdf)[0].names if urdf is not None else ()
     channels, time = _channels(variables, names, path)
     told = [channel for channel in _readings(channels) if not channel.commanded]
+    told, names, torques, angles = _of_every_joint(told, names, path)
+    if torques and angles:
+        return Named(path, urdf, names, torques[0], angles[0], time, stated_rate(variables))
+    if urdf is not None and words_of_joints(told, path):
+        raise ImportingError(f"{path}: {_lacks(told, names, urdf, path)}")
+    return None
 
-    def of(*kinds: str) -> list[list[Channel]]:
-        return by_joint([channel for channel in told if channel.kind in kinds])
 
-    torques, angles = of("torque", "current"), of("angle")
-    count = len(names) or max(map(len, torques), default=0)
-    torques, angles = ([group for group in groups if len(group) == count] for groups in (torques, angles))
-    if not torques or not angles:
-        return None
-    names = names or tuple(f"joint{k + 1}" for k in range(count))
-    return Named(path, urdf, names, torques[0], angles[0], time, stated_rate(variables))
+def _of_every_joint(
+    channels: list[Channel], names: tuple[str, ...], path: Path
+) -> tuple[list[Channel], tuple[str, ...], list[list[Channel]], list[list[Channel]]]:
+    """The channels and the joints' names, where these are not said as words or numbers tell them; groups of torques, and of angles, with one of
+    every joint."""
+    if not names and (names := words_of_joints(channels, path)):
+        channels = [of_word(channel, names) for channel in channels]
+    driven = [channel for channel in channels if channel.kind in ("torque", "current")]
+    torques = by_joint([channel for channel in driven if not channel.commanded] or driven)
+    angles = by_joint([channel for channel in channels if channel.kind == "angle" and not channel.commanded])
+    names = names or tuple(f"joint{k + 1}" for k in range(max(map(len, torques), default=0)))
+    torques, angles = ([group for group in groups if len(group) == len(names)] for groups in (torques, angles))
+    return channels, names, torques, angles
 
 
 def _lacks(channels: Sequence[Channel], names: Sequence[str], urdf: str | Path | None, path: Path) -> str:
@@ -180,7 +183,7 @@ def _channels(variables: Variables, joints: Sequence[str], path: Path) -> tuple[
                 continue
             if (np.diff(column) > 0).all() and (alone or not kind):  # time, or a counter
                 times.append(find_time(name, None if alone else k, column, variables))
-                if alone or times[-1]:
+                if times[-1] or (alone and not kind):
                     continue
             group, joint = split_name(name, joints) if alone else (name, f"{k:04d}")
             found.append(Channel(name, None if alone else k, column, group, joint, kind, missing))

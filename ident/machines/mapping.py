@@ -81,7 +81,7 @@ KEYS: Mapping[str, Mapping[str, str]] = {
         "excited": "the joint whose motor got the multisine",
         "posture_rad": "link angles at rest (m for slides), one a joint; or \"measured\": the mean of the motor angles",
         "sample_rate_Hz": f"sampling rate, {RATES[0]:g} to {RATES[1]:g}; or time",
-        "time": "signal: time of every sample, unit s, ms, us or ns: checked for samples dropped among those taken",
+        "time": "signal: time of every sample, unit s, ms, us or ns (dates in ISO 8601 are read as s): checked for samples dropped among those taken",
         "period_samples": "samples a period, or \"auto\" (default): found from the reference, whole from skip_samples on",
         "f0_Hz": "line spacing, to check the above",
         "periods": "whole periods to take (default: all); with period_samples said, what is behind them does not count",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from logged import FS, log
 
 from ident.cli import main
 from ident.errors import ImportingError
+from ident.machines.guess import guess
 from ident.machines.log_importing import import_log
 from ident.machines.mapping import load_map
 from ident.records.log import Trajectory
@@ -124,3 +126,24 @@ def test_a_guess_of_a_file_without_a_multisine_is_the_map_of_a_log(
     (back,) = import_log(load_map(tmp_path / "map.toml"), [tmp_path / "run.npz"]).log.trajectories
     np.testing.assert_allclose(back.q, run.q, atol=1e-12)
     np.testing.assert_allclose(back.tau, run.tau, atol=1e-12)
+
+
+def test_joints_of_a_log_may_be_named_by_words_and_rest_or_only_go_forward(run: Trajectory, tmp_path: Path) -> None:
+    words = ("base", "shoulder", "elbow")
+    q, tau = run.q.copy(), run.tau.copy()
+    q[:, 0], tau[:, 1] = np.linspace(0.0, 1.0, len(q)), 0.0
+    table = {"time": np.arange(len(q)) / FS}
+    table |= {f"tau {word}": tau[:, k] for k, word in enumerate(words)}
+    table |= {f"theta {word}": q[:, k] for k, word in enumerate(words)}
+    np.savez(tmp_path / "run.npz", **table)
+    found = tomllib.loads(guess([tmp_path / "run.npz"]))
+    assert found["robot"]["joints"] == list(words) and found["record"]["time"]["unit"] == "s"
+    assert [found["joint"][word]["torque"]["name"] for word in words] == [f"tau {word}" for word in words]
+    assert [found["joint"][word]["motor_angle"]["name"] for word in words] == [f"theta {word}" for word in words]
+    with pytest.raises(ImportingError, match="names speak of base, shoulder, elbow, .*urdf of joint1, joint2, joint3"):
+        guess([tmp_path / "run.npz"], ROBOT)
+
+
+def test_a_rate_that_a_log_does_not_say_is_left_open(run: Trajectory, tmp_path: Path) -> None:
+    np.savez(tmp_path / "run.npz", q=run.q, tau=run.tau)
+    assert tomllib.loads(guess([tmp_path / "run.npz"]))["record"]["sample_rate_Hz"] == "?"
