@@ -13,7 +13,7 @@ import numpy as np
 from ident.errors import ImportingError, short
 
 #: Sampling rates [Hz] that a machine may have.
-RATES = (20.0, 2e5)
+RATES = (5.0, 2e5)
 _MAX_BYTES = 1_000_000
 _MAX_LINES = 1_000_000
 

@@ -78,7 +78,7 @@ def test_samples_before_and_behind_are_left_out(run: Trajectory, tmp_path: Path)
         (MAP + TIMED, {"tau": np.ones((5000, 3))}, "has 10000 samples, expected 5000"),
         (MAP + TIMED, {"q": np.full((10_000, 3), np.nan)}, "expected finite samples"),
         (MAP.replace('"deg"', '"deg", offset = "posture"', 1) + TIMED, {}, "motor_angle: offset = \"posture\": a log has no posture"),
-        (MAP + TIMED, {"t": np.arange(10_000.0) * 2}, "says 0.5 Hz, expected 20 to 200000 Hz; its unit is more likely ms (500 Hz)"),
+        (MAP + TIMED, {"t": np.arange(10_000.0) * 2}, "says 0.5 Hz, expected 5 to 200000 Hz; its unit is more likely ms (500 Hz)"),
         (MAP + TIMED + "skip_samples = 9950\n", {}, "expected at least 100"),
         (MAP + TIMED + "samples = 20000\n", {}, "expected at least 20000"),
     ],
