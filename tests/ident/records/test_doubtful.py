@@ -23,9 +23,9 @@ def told(K: list[float], J_m: list[float], J: list[float], N: list[float] | None
 def test_drives_and_links_that_are_off_by_themselves_raise_no_doubt() -> None:
     rng = np.random.default_rng(0)
     for n in (1, 2, 3, 6, 7):
-        K, J_m, J = (np.exp(rng.normal(0.0, s, (2000, n))) for s in (0.1, 0.1, 0.2))
+        K, J_m, J = (np.exp(rng.normal(0.0, s, (500, n))) for s in (0.1, 0.1, 0.2))
         alarms = sum(bool(told(*(x.tolist() for x in one))) for one in zip(K, J_m, J, strict=True))
-        assert alarms <= 2, n
+        assert alarms <= 1, n
     assert not told([1.0] * 3, [2.0] * 3, [1.0, 1.1, 0.9])  # datasheets that leave out what is on the shaft
     assert not told(NONE, NONE, [4.0] * 3)
     assert not told([4.0] * 3, NONE, [1.0] * 3)
