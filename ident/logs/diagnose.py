@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.identification.physical import pseudo_inertia
 from ident.logs.equations import Equations, Fit, Part, equations
+from ident.logs.faults import refuse_signals, refuse_slips
 from ident.logs.moves import Bands, moves
 from ident.logs.search import Found, searched
 from ident.logs.terms import sizes, terms
@@ -84,9 +85,15 @@ class LogDiagnosis:
 
 
 def diagnose_log(log: Log, say: Callable[[str], None] = lambda line: None) -> LogDiagnosis:
-    """Returns what the declared arm of a log lacks. IdentError, one line: trajectories that are too short, in which nothing moves."""
+    """Returns what the declared arm of a log lacks.
+
+    IdentError, one line: trajectories that are too short, in which nothing moves; a fault of the recording (`ident.logs.faults`): what bends the fit of
+    a wrong sign or unit is no effect.
+    """
+    refuse_signals(log)
     model = model_of_urdf(log.urdf, log.joints)
     moved = moves(log)
+    refuse_slips(log, model, moved)
     made = equations(log, model, moved, terms(log, model, moved))
     return LogDiagnosis(log, model, moved[0].bands, made, searched(made, say))
 

@@ -64,6 +64,7 @@ def import_log(mapping: Map, files: Sequence[str | Path]) -> ImportedLog:
         gravity=np.array(mapping.gravity),
         source=f"{mapping.source}; files {', '.join(Path(path).name for path in files)}",
         trajectories=tuple(runs),
+        currents=tuple(currents),
     )
     return ImportedLog(log, tuple(lines), tuple(notes))
 

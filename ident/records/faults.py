@@ -6,7 +6,7 @@ a datasheet explains.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 from ident.errors import IdentError
@@ -17,7 +17,7 @@ from ident.records.reversed_gear import reversed_gear
 from ident.records.signal_faults import FLAG, REFUSE, Fault, of_signals
 from symgen.plan import Model
 
-__all__ = ["FLAG", "REFUSE", "Fault", "faults", "refuse"]
+__all__ = ["FLAG", "REFUSE", "Fault", "faults", "refuse", "refuse_first"]
 
 
 def faults(campaign: Campaign, model: Model) -> tuple[Fault, ...]:
@@ -56,11 +56,16 @@ def faults(campaign: Campaign, model: Model) -> tuple[Fault, ...]:
 def refuse(campaign: Campaign, model: Model) -> tuple[Fault, ...]:
     """Returns the faults that leave numbers of some use. IdentError, one line naming the first, if there is one that does not."""
     found = faults(campaign, model)
+    refuse_first(found)
+    return found
+
+
+def refuse_first(found: Sequence[Fault]) -> None:
+    """IdentError, one line naming the first of some faults that leaves no numbers of use, if there is one, and the others behind it."""
     fatal = [fault for fault in found if fault.severity == REFUSE]
     if fatal:
         more = "; ".join(dict.fromkeys(f"{fault.name} ({fault.joint or fault.record})" for fault in fatal[1:]))
         raise IdentError(fatal[0].line + (f" [{len(fatal) - 1} more: {more}]" if more else ""))
-    return found
 
 
 def _copies(campaign: Campaign) -> Iterator[Fault]:

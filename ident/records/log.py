@@ -26,7 +26,8 @@ class Log:
     """Trajectories of one robot, sampled at `fs` [Hz].
 
     `urdf` is the declared robot, `joints` its n driven ones from base to tip, `N` [n] their gear ratios, `J_m` [n, kg m2] the motors'
-    inertias, motor side, NaN where nobody knows: there links have all the inertia. `gravity` [3, m/s2] in the base frame.
+    inertias, motor side, NaN where nobody knows: there links have all the inertia. `gravity` [3, m/s2] in the base frame. `currents` are joints
+    whose torque is a current, for no torque constant is known: A for N m.
     """
 
     urdf: str
@@ -37,6 +38,7 @@ class Log:
     gravity: Array
     source: str
     trajectories: tuple[Trajectory, ...]
+    currents: tuple[str, ...] = ()
 
     @property
     def n(self) -> int:
@@ -52,6 +54,7 @@ def check_log(log: Log, where: str) -> None:
         ("drive/gear_ratio", np.all(np.isfinite(log.N) & (log.N != 0)), "finite numbers other than 0"),
         ("drive/motor_inertia", np.all(np.isnan(log.J_m) | ((log.J_m > 0) & (log.J_m < np.inf))), "numbers > 0, NaN where unknown"),
         ("drive/gravity", np.all(np.isfinite(log.gravity)), "3 finite numbers"),
+        ("drive/currents", set(log.currents) <= set(log.joints), "names of joints"),
         ("trajectories", len(log.trajectories) > 0, "at least one"),
         *((f"trajectories/{one.id}", one.q.shape == one.tau.shape == (len(one.q), n), f"q and tau of shape [T, {n}]")
           for one in log.trajectories),

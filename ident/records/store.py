@@ -22,6 +22,7 @@ FORMAT, LOG, VERSION = "frf-campaign", "joint-log", 1
 _GZIP = 1  # every HDF5 reader has it; level 4 saves 5 % of the space and takes half as long again
 _CHUNK_BYTES = 2**18  # a few chunks a period: cheap to read in part, and below h5py's chunk cache
 _DAMPING = {"D": "drive/damping", "D_spring": "drive/spring_damping"}
+_CURRENTS = "drive/currents"  # of a log: not 0 where a torque is a current
 _MADE_FROM = "made_from"  # beyond the format: what `join_campaigns` was told
 _TEXT_CHECK = "text_crc32"  # HDF5 keeps strings of variable length in a heap, which has no checksum of its own
 
@@ -206,6 +207,8 @@ def _write_log(file: h5py.File, log: Log) -> None:
     _robot(file, log.urdf, log.joints)
     for name, values in (("gear_ratio", log.N), ("motor_inertia", log.J_m), ("gravity", log.gravity)):
         _array(file, f"drive/{name}", values)
+    if log.currents:
+        _array(file, _CURRENTS, np.array([name in log.currents for name in log.joints], dtype=float))
     for one in log.trajectories:
         group = file.create_group(f"trajectories/{one.id}")
         _array(group, "q", one.q)
@@ -273,6 +276,7 @@ def _read_log(file: h5py.File, where: str) -> Log:
     urdf, source = root.strings("robot/urdf", ndim=0), root.string("source")
     _verify(root, urdf, source)
     runs = root.below("trajectories")
+    currents = root.array(_CURRENTS, (n,)) if _CURRENTS in file else np.zeros(n)
     return Log(
         urdf=urdf,
         joints=tuple(joints),
@@ -282,6 +286,7 @@ def _read_log(file: h5py.File, where: str) -> Log:
         gravity=root.array("drive/gravity", (3,)),
         source=source,
         trajectories=tuple(_read_trajectory(runs.below(id), id, n) for id in sorted(runs.group)),
+        currents=tuple(name for name, current in zip(joints, currents, strict=True) if current),
     )
 
 
