@@ -19,6 +19,8 @@ from ident.records.log import Array, Log
 
 #: Share of the power of the velocity that lies below the motion's band.
 MOTION = 0.999
+#: What an encoder's steps make of a velocity's power is known but for this share.
+STEPS = 0.25
 #: Equations are kept up to so many times that band, and at least up to this [Hz], positions up to so many times as far; both below a
 #: part of the sampling rate.
 KEPT, SLOWEST, SMOOTH, LIMIT = 4.0, 3.0, 4.0, 0.2
@@ -99,16 +101,20 @@ class Moves:
 def bands(log: Log) -> Bands:
     """The frequencies that a log's motion asks for: those of the fastest joint."""
     highest = LIMIT * log.fs
-    motion = max(_band(np.diff(one.q[:, j]) * log.fs, log.fs) for one in log.trajectories for j in range(log.n))
+    motion = max(_band(one.q[:, j], log.fs) for one in log.trajectories for j in range(log.n))
     equations = min(max(KEPT * motion, SLOWEST), highest / SMOOTH)
     return Bands(motion, equations, min(SMOOTH * equations, highest))
 
 
-def _band(velocity: Array, fs: float) -> float:
-    """The frequency [Hz] below which a velocity has nearly all of its power."""
-    f, power = welch(velocity, fs, nperseg=min(len(velocity), 2 ** ceil(np.log2(20.0 * fs))), detrend="constant")
-    total = np.cumsum(power)
-    return float(f[np.searchsorted(total, MOTION * total[-1])]) if total[-1] > 0.0 else 0.0
+def _band(q: Array, fs: float) -> float:
+    """The frequency [Hz] below which the velocity of an angle has nearly all of the power that the steps of its encoder do not make."""
+    change = np.diff(q)
+    f, power = welch(change * fs, fs, nperseg=min(len(change), 2 ** ceil(np.log2(20.0 * fs))), detrend="constant")
+    step = float(np.min(np.abs(change[change != 0.0]), initial=np.inf))
+    steps = (step * np.sin(np.pi * f / fs)) ** 2 * fs * 2.0 / 3.0 if step < np.inf else np.zeros(len(f))
+    total = np.maximum.accumulate(np.cumsum(power - steps))
+    share = MOTION - STEPS * float(np.sum(steps)) / total[-1] if total[-1] > 0.0 else 0.0
+    return float(f[np.searchsorted(total, share * total[-1])]) if share > 0.0 else 0.0
 
 
 def moves(log: Log) -> tuple[Moves, ...]:

@@ -26,8 +26,8 @@ COARSE, PLACES = 0.1, 100.0
 #: zero [rad], of delays [s], of a payload [kg] and where it is [m]. Nothing is further off than `FAR` of them.
 LINKS, SHARE, FRICTION, OFFSET, CABLE, ZERO, DELAY, PAYLOAD, REACH = 0.25, 0.15, 2.0, 0.5, 0.2, 0.1, 0.02, 4.0, 0.3
 FAR = 2.0
-#: A rotor that nobody knows, in the link's mean inertia.
-ROTOR = 3.0
+#: A rotor that nobody knows, in the link's mean inertia; or that of a motor of its own [kg m2, motor side].
+ROTOR, MOTOR = 3.0, 3e-4
 #: Torques per ampere [N m, joint side] that are tried where nobody knows them.
 CONSTANTS = np.geomspace(1e-3, 1e4, 57)
 #: Gravity is seen where it is this share of what links ask for.
@@ -154,7 +154,7 @@ def _cut(tau: Array) -> NDArray[np.bool_]:
 
 def _known(sight: Sight, log: Log) -> Sight:
     """The same with currents as the torques that they are likeliest to be."""
-    for j in (log.joints.index(name) for name in log.currents):
+    for j in 2 * [log.joints.index(name) for name in log.currents]:
         tried = [sight.scaled(np.ones(log.n), np.where(np.arange(log.n) == j, k, 1.0)) for k in CONSTANTS]
         sight = min(tried, key=lambda one: left(one).count)
     return sight
@@ -189,7 +189,8 @@ def _columns(sight: Sight, as_declared: bool, rotors: bool, zeros: bool) -> Iter
     m, n, size = sight.motion, sight.n, sight.size
     for j in range(n):
         known = bool(np.isfinite(sight.J_m[j])) and not rotors
-        rotor = sight.N[j] ** 2 * np.nan_to_num(sight.J_m[j])
+        gear = float(sight.N[j]) ** 2
+        rotor = gear * float(np.nan_to_num(sight.J_m[j]))
         speed, q = np.sqrt(np.mean(m.v[:, j] ** 2)) + 1e-300, m.q[:, j] - m.q[:, j].mean()
         own: list[tuple[Array, float, bool]] = [
             (m.v[:, j] / speed, FRICTION * size[j], False),
@@ -198,7 +199,7 @@ def _columns(sight: Sight, as_declared: bool, rotors: bool, zeros: bool) -> Iter
             (sight.rate[:, j], DELAY, True),
         ]
         if not known:
-            own.append((m.a[:, j], ROTOR * max(float(m.inertia[j]), rotor), rotors))
+            own.append((m.a[:, j], max(ROTOR * m.inertia[j], ROTOR * rotor, MOTOR * gear), rotors))
         if not as_declared:
             own += [
                 (q / (q.std() + 1e-300), CABLE * size[j], False),

@@ -18,9 +18,9 @@ FROZEN, LEAST, STEPS = 0.1, 20, 30.0
 NEAR, SLOW = 8, 0.3
 #: An angle that goes on by so many of its steps at once is not read at every sample.
 HELD = 5.0
-#: Ways from one sample to the next are even when they differ by less than this share; they count where they are so many times what they scatter by.
-#: A log that has lost so many rows is refused.
-EVEN, CLEARLY, LOST = 0.3, 15.0, 3
+#: Ways from one sample to the next are even when they differ by less than this share; they count where they are so many times what they scatter by,
+#: and so many steps of the encoder. A log that has lost so many rows is refused.
+EVEN, CLEARLY, COUNTS, LOST = 0.3, 15.0, 8.0, 3
 
 
 def of_signals(log: Log) -> Iterator[Fault]:
@@ -101,7 +101,8 @@ def lost_rows(q: Array) -> Array:
         change = np.diff(column)
         around = median_filter(change, 9)
         off = np.abs(change - around)
-        clear = np.abs(around) > CLEARLY * 1.48 * np.median(off)
+        step = np.min(np.abs(change[change != 0.0]), initial=np.inf)
+        clear = (np.abs(around) > CLEARLY * 1.48 * np.median(off)) & (np.abs(around) > COUNTS * step)
         even = off < EVEN * np.abs(around)
         steps = np.round(np.divide(change, around, out=np.zeros(len(change)), where=clear))
         longer = (steps > 1.0) & (np.abs(change - steps * around) < EVEN * np.abs(around))
