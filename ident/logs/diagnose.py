@@ -8,12 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from ident.identification.links import Links, nearest_links
 from ident.identification.physical import pseudo_inertia
 from ident.logs.equations import Equations, Fit, Part, equations
 from ident.logs.faults import refuse_signals, refuse_slips
+from ident.logs.impossible import impossible
 from ident.logs.moves import Bands, moves
 from ident.logs.search import Found, searched
-from ident.logs.terms import sizes, terms
+from ident.logs.terms import Term, sizes, terms
 from ident.records.log import Array, Log
 from symgen.plan import Model, model_of_urdf
 
@@ -54,6 +56,8 @@ class LogDiagnosis:
 
     @property
     def status(self) -> str:
+        if self.impossible:
+            return "unexplained"  # numbers that no arm has explain nothing
         if self.found.steps and self.found.errors[-1] > self.found.errors[0]:
             return "unexplained"  # what told motion that nothing has seen worse is none of what acts
         if self.found.errors[-1] > EXPLAINED * share(self.noise**2, self.equations.report):
@@ -74,6 +78,27 @@ class LogDiagnosis:
                 phi[last] += x
                 covariance[last, last] += spread
         return phi, covariance
+
+    @cached_property
+    def alpha(self) -> tuple[Array, Array]:
+        """The constants of J(q) [D] as found, and their covariance."""
+        (phi, covariance), W = self.parameters, self.model.factoring.W
+        return W @ phi, W @ covariance @ W.T
+
+    @cached_property
+    def impossible(self) -> tuple[tuple[Term | None, str], ...]:
+        """What was found that no arm has, and of which term (None: of all that makes J(q))."""
+        if not self.found.steps:
+            return ()
+        return tuple(impossible(self.log, self.model, *self.alpha, self.equations.of(self.after)))
+
+    @cached_property
+    def links(self) -> Links:
+        """The links that files hold: those found, or, where no bodies have these, the nearest to CAD that have their J(q), or the nearest to it."""
+        (alpha, spread), n = self.alpha, self.log.n
+        if self.bodies:
+            return Links(self.parameters[0].reshape(n, 10), alpha, True, True, 0.0, np.zeros(n), ())
+        return nearest_links(self.model, alpha, spread + np.diag(np.full(len(alpha), 1e-12 * np.abs(alpha).max() ** 2)))
 
     @property
     def bodies(self) -> bool:

@@ -17,7 +17,7 @@ from symgen.plan import Model
 
 #: A joint that travels this many times the range of its limits has angles in another unit.
 RANGE = 2.0
-#: A torque that is cut off is another one than recorded where the arm leaves more than this of it there.
+#: A torque that is cut off is another one than recorded where the arm leaves more than this of what it varies by there.
 CUT = 0.1
 
 
@@ -57,7 +57,7 @@ def _cut_off(log: Log, sight: Sight) -> Iterator[Fault]:
         return
     found = left(sight)
     for j, name in enumerate(log.joints):
-        if found.cut[j] > CUT:
+        if found.cut[j] * sight.size[j] > CUT * sight.tau[:, j].std():
             top = float(np.abs(sight.tau[sight.cut[:, j], j]).max())
             line = (
                 f"{name}: its torque is cut off at about {top / abs(log.N[j]):.4g} N m (motor side) in {sight.cut[:, j].mean():.1%} of the samples, and the "

@@ -22,15 +22,16 @@ from symgen.plan import Model
 SAMPLES = 200
 #: This part of a joint's torque [rms] counts like one standard deviation of what an arm may be off by, in so many places.
 COARSE, PLACES = 0.1, 100.0
-#: One standard deviation of links' parameters, of torques' and rotors' size, as shares; of friction, offsets and cables, of torques [rms]; of an angle's
-#: zero [rad], of delays [s], of a payload [kg] and where it is [m]. Nothing is further off than `FAR` of them.
-LINKS, SHARE, FRICTION, OFFSET, CABLE, ZERO, DELAY, PAYLOAD, REACH = 0.25, 0.15, 2.0, 0.5, 0.2, 0.1, 0.02, 4.0, 0.3
+#: One standard deviation of links' parameters, of torques' and rotors' size, and of friction that follows the load, as shares; of other friction, offsets
+#: and cables, of torques [rms]; of an angle's zero [rad], of delays [s], of a payload [kg] and where it is [m]. Nothing is further off than `FAR` of them.
+LINKS, SHARE, LOADED, FRICTION, OFFSET, CABLE = 0.25, 0.15, 0.2, 2.0, 0.3, 0.1
+ZERO, DELAY, PAYLOAD, REACH = 0.1, 0.02, 4.0, 0.3
 FAR = 2.0
 #: A rotor that nobody knows, in the link's mean inertia; or that of a motor of its own [kg m2, motor side].
 ROTOR, MOTOR = 3.0, 3e-4
 #: Torques per ampere [N m, joint side] that are tried where nobody knows them.
-CONSTANTS = np.geomspace(1e-3, 1e4, 57)
-#: Gravity is seen where it is this share of what links ask for.
+CONSTANTS = np.geomspace(1e-3, 1e4, 29)
+#: Gravity is seen where it makes this share of a torque.
 WEIGHT = 0.1
 #: Friction turns within this part of a joint's velocity [rms].
 TURNS = 0.01
@@ -64,7 +65,8 @@ class Motion:
         declared = self.model.chain.parameters.reshape(-1)
         moved = (self.q + STEP * away for away in np.eye(self.q.shape[1]))
         return np.stack(
-            [(self.model.torque_rows(q, self.v, self.a, self.gravity) @ declared - self.load) / STEP for q in moved], axis=-1
+            [(self.model.torque_rows(q, self.v, self.a, self.gravity) @ declared - self.load) / STEP for q in moved],
+            axis=-1,
         )
 
     @cached_property
@@ -98,9 +100,8 @@ class Sight:
     @property
     def heavy(self) -> bool:
         """Whether gravity is seen in a torque."""
-        m = self.motion
-        weight = replace(m, v=0.0 * m.v, a=0.0 * m.a).load
-        return bool(np.any(weight.std(axis=0) > WEIGHT * m.load.std(axis=0)))
+        weight = replace(self.motion, v=0.0 * self.motion.v, a=0.0 * self.motion.a).load
+        return bool(np.any(np.sqrt(np.mean(weight**2, axis=0)) > WEIGHT * self.size))
 
     def scaled(self, angle: Array, torque: Array, gear: bool = False) -> Sight:
         """The same with angles and torques times factors [n]; `gear`: for the gear ratios are other ones by that."""
@@ -133,7 +134,9 @@ class Sight:
 def seen(log: Log, model: Model, moved: Sequence[Moves]) -> Sight:
     """Some samples of all trajectories."""
     every = max(1, sum(len(m.q) for m in moved) // SAMPLES)
-    some = [slice(round(m.times[0] * m.fs), round(m.times[-1] * m.fs), every) for m in moved]  # without what filters spoil
+    some = [
+        slice(round(m.times[0] * m.fs), round(m.times[-1] * m.fs), every) for m in moved
+    ]  # without what filters spoil
     q, v, a, tau, rate = (
         np.concatenate([getattr(m, name)[use] for m, use in zip(moved, some, strict=True)])
         for name in ("q", "v", "a", "tau", "tau_rate")
@@ -156,7 +159,7 @@ def _known(sight: Sight, log: Log) -> Sight:
     """The same with currents as the torques that they are likeliest to be."""
     for j in 2 * [log.joints.index(name) for name in log.currents]:
         tried = [sight.scaled(np.ones(log.n), np.where(np.arange(log.n) == j, k, 1.0)) for k in CONSTANTS]
-        sight = min(tried, key=lambda one: left(one).count)
+        sight = min(tried, key=lambda one: left(one, zeros=False).count)
     return sight
 
 
@@ -192,9 +195,11 @@ def _columns(sight: Sight, as_declared: bool, rotors: bool, zeros: bool) -> Iter
         gear = float(sight.N[j]) ** 2
         rotor = gear * float(np.nan_to_num(sight.J_m[j]))
         speed, q = np.sqrt(np.mean(m.v[:, j] ** 2)) + 1e-300, m.q[:, j] - m.q[:, j].mean()
+        way = np.tanh(m.v[:, j] / (TURNS * speed))
         own: list[tuple[Array, float, bool]] = [
             (m.v[:, j] / speed, FRICTION * size[j], False),
-            (np.tanh(m.v[:, j] / (TURNS * speed)), FRICTION * size[j], False),
+            (way, FRICTION * size[j], False),
+            (way * np.abs(m.load[:, j]), LOADED, False),
             (np.ones(len(q)), OFFSET * size[j], True),
             (sight.rate[:, j], DELAY, True),
         ]

@@ -20,6 +20,11 @@ DRAWN = 1200
 def sentence(v: dict[str, Any]) -> str:
     """What was found, in one sentence."""
     e = v["error"]
+    if v.get("impossible"):
+        return (
+            f"What fits these torques is no arm: {joined(v['impossible'])}. Nothing found here is a result: look for a sign, unit, column or gear ratio of "
+            "the log, or a declared mass or motor inertia, that is wrong."
+        )
     if v["status"] == "explained":
         return "Nothing is missing: the declared arm explains every trajectory within its noise."
     if not v["effects"]:
@@ -51,6 +56,7 @@ def text(v: dict[str, Any], brief: bool = False) -> str:
     lines += [f"{name:<22}" + "".join(f"{_cell(value):>9}" for value in row) for name, *row in errors(v)]
     for k, effect in enumerate(v["effects"], 1):
         lines += ["", f"{k}. {named(effect)}: {size(effect)} ({_fall(effect)})"]
+        lines += [f"   impossible: {effect['impossible']}"] if "impossible" in effect else []
         lines += [f"   not told from {others}: {by}" for by, others in _others(effect).items()]
         rivals = ", ".join(f"{named(rival)} {percent(rival['after'])}" for rival in effect["rivals"])
         lines += [f"   next best: {rivals}"] if rivals and not brief else []

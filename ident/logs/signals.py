@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from ident.records.log import Array, Log, Trajectory
@@ -94,7 +95,7 @@ def held(q: Array) -> int:
     return int(np.median(np.diff(moved)))
 
 
-def lost_rows(q: Array) -> Array:
+def lost_rows(q: Array) -> NDArray[np.int64]:
     """The samples of angles [T, n] before which rows are lost: each joint that moves clearly moves as far there, once, as in two steps or more."""
     for_it, against = np.zeros(len(q) - 1, dtype=bool), np.zeros(len(q) - 1, dtype=bool)
     for column in q.T:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations, permutations
+from itertools import combinations
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -48,6 +48,11 @@ class Slip:
     factor: bool = False
 
 
+def _always(right: Callable[..., Sight], *how: object) -> Callable[[float], Sight]:
+    """What puts a slip right that has no factor."""
+    return lambda _: right(*how)
+
+
 def slips(log: Log, sight: Sight) -> tuple[Fault, ...]:
     """Returns the slips of a log, the one that explains most first."""
     found: list[Fault] = []
@@ -86,7 +91,11 @@ def _best(log: Log, sight: Sight, before: Left) -> tuple[Fault, Sight, Left] | N
 def _better(before: Left, after: Left, rough: float = 1.0) -> bool:
     """Whether what is left falls as it does where a slip is put right."""
     falls = bool(np.any(np.maximum(after.share, FINE) < rough * PART * before.share))
-    return falls and after.count < rough * HALF * before.count and bool(np.all(after.share < rough * WORSE * before.share + FINE))
+    return (
+        falls
+        and after.count < rough * HALF * before.count
+        and bool(np.all(after.share < rough * WORSE * before.share + FINE))
+    )
 
 
 def _other(slip: Slip, _: Sight, after: Left) -> bool:
@@ -104,7 +113,7 @@ def _slips(log: Log, sight: Sight, before: Left) -> Iterator[Slip]:
     yield from _exchanged(log, sight, own)
     for j in own:
         yield from _zero(log, sight, j)
-    if sight.heavy:
+    if sight.heavy or n > 1:
         yield from _rate(log, sight)
 
 
@@ -133,11 +142,12 @@ def _of(log: Log, sight: Sight, group: Sequence[int]) -> Iterator[Slip]:
 
     yield slip("wrong sign", "the torque has the wrong sign: negate it (sign of torque in the map)", 1.0, -1.0)
     yield slip("wrong sign", "the angle has the wrong sign: negate it (sign of motor_angle)", -1.0, 1.0)
-    if not alone or n == 1:
-        pass
-    else:
+    if alone and n > 1:
         yield slip(
-            "wrong gear ratio", f"its gear reverses: declare N = {-log.N[group[0]]:g}, or negate both angle and torque", -1.0, -1.0
+            "wrong gear ratio",
+            f"its gear reverses: declare N = {-log.N[group[0]]:g}, or negate both angle and torque",
+            -1.0,
+            -1.0,
         )
     if not set(log.currents) & {log.joints[j] for j in group}:
         yield slip("wrong unit", "the torque is in mN m: divide it by 1000 (its unit)", 1.0, 1e-3, True)
@@ -145,28 +155,47 @@ def _of(log: Log, sight: Sight, group: Sequence[int]) -> Iterator[Slip]:
         yield slip("wrong unit", "the torque is in N cm: divide it by 100 (gain = 0.01)", 1.0, 1e-2, True)
         if np.any(N != 1.0):
             yield slip(
-                "wrong side of the gear", "the torque is the one behind the gear: divide it by N (side = \"joint\")", 1.0, 1.0 / N, True
+                "wrong side of the gear",
+                'the torque is the one behind the gear: divide it by N (side = "joint")',
+                1.0,
+                1.0 / N,
+                True,
             )
     if slide:
         yield slip("wrong unit", "the position is in mm: divide it by 1000 (its unit)", 1e-3, 1.0, True)
         yield slip("wrong unit", "the position is 1000 times too small: is it in m, not mm?", 1e3, 1.0, True)
     yield slip("wrong unit", "the angle is in degrees: divide it by 57.29578 (its unit)", 1.0 / _DEGREES, 1.0, True)
-    yield slip("wrong unit", f"the angle is 57.3 times too small: is it in {'m' if slide else 'rad'}, not deg?", _DEGREES, 1.0, True)
+    yield slip(
+        "wrong unit",
+        f"the angle is 57.3 times too small: is it in {'m' if slide else 'rad'}, not deg?",
+        _DEGREES,
+        1.0,
+        True,
+    )
     yield slip("wrong unit", "the angle is in revolutions: multiply it by 2 pi (its unit)", 2 * np.pi, 1.0, True)
     if np.any(N != 1.0):
-        yield slip("wrong side of the gear", "the angle is the one behind the gear: multiply it by N (side = \"joint\")", N, 1.0, True)
-        yield _inverse(log, sight, joint, who, of(N**2))
+        yield slip(
+            "wrong side of the gear",
+            'the angle is the one behind the gear: multiply it by N (side = "joint")',
+            N,
+            1.0,
+            True,
+        )
+        if np.all(N < 1.0):
+            yield _inverse(log, sight, joint, who, of(N**2))
         if alone:
             yield from _ratio(log, sight, group[0])
 
 
 def _inverse(log: Log, sight: Sight, joint: str, who: str, square: Array) -> Slip:
     line = f"{who}: N is declared the wrong way round: it is motor revolutions per joint revolution, declare {_inverses(log, square)}"
-    return Slip("wrong gear ratio", joint, line, lambda k: sight.scaled(square, 1.0 / square, gear=True))
+    return Slip("wrong gear ratio", joint, line, _always(sight.scaled, square, 1.0 / square, True))
 
 
 def _inverses(log: Log, square: Array) -> str:
-    return "N = " + ", ".join(dict.fromkeys(f"{1 / N:g}" for N, other in zip(log.N, square, strict=True) if other != 1.0))
+    return "N = " + ", ".join(
+        dict.fromkeys(f"{1 / N:g}" for N, other in zip(log.N, square, strict=True) if other != 1.0)
+    )
 
 
 def _ratio(log: Log, sight: Sight, j: int) -> Iterator[Slip]:
@@ -179,7 +208,7 @@ def _ratio(log: Log, sight: Sight, j: int) -> Iterator[Slip]:
     k = _least(right, np.array(RATIOS), 1.3)
     if max(k, 1 / k) > CLOSE:
         line = f"{log.joints[j]}: its angle and torque fit N = {k * log.N[j]:.3g}, declared is {log.N[j]:g}: correct the gear ratio"
-        yield Slip("wrong gear ratio", log.joints[j], line, lambda _: right(k))
+        yield Slip("wrong gear ratio", log.joints[j], line, _always(right, k))
 
 
 def _least(right: Callable[[float], Sight], tried: Array, step: float) -> float:
@@ -187,7 +216,10 @@ def _least(right: Callable[[float], Sight], tried: Array, step: float) -> float:
     at = min(tried, key=lambda k: left(right(float(k)), zeros=False).count)
     ends = (float(np.log(at / step)), float(np.log(at * step)))
     found = minimize_scalar(
-        lambda x: left(right(float(np.exp(x))), zeros=False).count, bounds=ends, method="bounded", options={"xatol": 0.005, "maxiter": 14}
+        lambda x: left(right(float(np.exp(x))), zeros=False).count,
+        bounds=ends,
+        method="bounded",
+        options={"xatol": 0.005, "maxiter": 14},
     )
     return float(np.exp(found.x))
 
@@ -199,12 +231,13 @@ def _exchanged(log: Log, sight: Sight, own: Sequence[int]) -> Iterator[Slip]:
         if slides(i) != slides(k):
             continue
         who = f"{log.joints[i]} and {log.joints[k]}"
-        for what, angles, torques in (("angles", True, False), ("torques", False, True), ("angles and torques", True, True)):
+        for what, angles, torques in (
+            ("angles", True, False),
+            ("torques", False, True),
+            ("angles and torques", True, True),
+        ):
             line = f"{who}: each one's {what} are the other's: exchange them (cables, or column in the map)"
-            yield Slip(
-                "swapped columns", who, line,
-                lambda _, i=i, k=k, angles=angles, torques=torques: sight.exchanged(i, k, angles, torques),
-            )  # fmt: skip
+            yield Slip("swapped columns", who, line, _always(sight.exchanged, i, k, angles, torques))
 
 
 def _zero(log: Log, sight: Sight, j: int) -> Iterator[Slip]:
@@ -213,27 +246,23 @@ def _zero(log: Log, sight: Sight, j: int) -> Iterator[Slip]:
         return
     for text, turn in (("90 deg", 0.5 * np.pi), ("-90 deg", -0.5 * np.pi), ("180 deg", np.pi)):
         line = f"{log.joints[j]}: its zero is not the URDF's: add {text} to the angle (offset of motor_angle)"
-        yield Slip(
-            "encoder zero", log.joints[j], line, lambda _, turn=turn: sight.turned(np.where(np.arange(log.n) == j, turn, 0.0))
-        )
+        away = np.where(np.arange(log.n) == j, turn, 0.0)
+        yield Slip("encoder zero", log.joints[j], line, _always(sight.turned, away))
 
 
 def _rate(log: Log, sight: Sight) -> Iterator[Slip]:
     """Another sampling rate: inertia goes with its square, gravity does not."""
     k = _least(sight.faster, RATES, 1.3)
     if max(k, 1 / k) > CLOSE:
-        yield Slip("wrong sampling rate", "", _rate_line(log, k), lambda _: sight.faster(k))
+        yield Slip("wrong sampling rate", "", _rate_line(log, sight, k), _always(sight.faster, k))
 
 
-def _rate_line(log: Log, k: float) -> str:
+def _rate_line(log: Log, sight: Sight, k: float) -> str:
+    weight = "what gravity does is not" if sight.heavy else "or all links and rotors are declared so"
     return (
-        f"the motion fits a sampling rate of {k * log.fs:.3g} Hz, declared is {log.fs:g} Hz: what inertia asks for is {_times(1 / k**2)} as large as it "
-        "should be at every joint, what gravity does is not: correct sample_rate_Hz, or the unit of time"
+        f"the motion fits a sampling rate of {k * log.fs:.3g} Hz, declared is {log.fs:g} Hz: what inertia asks for is {1 / k**2:.3g} times as large as it "
+        f"should be at every joint, {weight}: correct sample_rate_Hz, or the unit of time"
     )
-
-
-def _times(k: float) -> str:
-    return f"{k:.3g} times"
 
 
 def _slightly_off(log: Log, sight: Sight) -> Fault | None:
@@ -242,7 +271,10 @@ def _slightly_off(log: Log, sight: Sight) -> Fault | None:
         return None
     here = left(sight, as_declared=True).share
     k = minimize_scalar(
-        lambda x: left(sight.faster(float(np.exp(x))), as_declared=True).count, bounds=(-0.7, 0.7), method="bounded", options={"xatol": 1e-3}
+        lambda x: left(sight.faster(float(np.exp(x))), as_declared=True).count,
+        bounds=(-0.7, 0.7),
+        method="bounded",
+        options={"xatol": 1e-3},
     )
     k = float(np.exp(k.x))
     there = left(sight.faster(k), as_declared=True).share
@@ -250,5 +282,5 @@ def _slightly_off(log: Log, sight: Sight) -> Fault | None:
     falls = [np.sum(one**2) / np.sum(np.maximum(there, 1e-3) ** 2) for one in (here, others)]
     if max(k, 1 / k) < CLOSE_RATE or there.max() > EXPLAINS or falls[0] < CLEARLY or falls[1] < np.sqrt(CLEARLY):
         return None
-    line = f"{_rate_line(log, k)}; with it the declared arm leaves {percent(there.max())} of a torque at most, without it {percent(here.max())}"
+    line = f"{_rate_line(log, sight, k)}; with it the declared arm leaves {percent(there.max())} of a torque at most, without it {percent(here.max())}"
     return Fault("wrong sampling rate", "", "", line, REFUSE)

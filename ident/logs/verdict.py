@@ -16,6 +16,7 @@ from ident.logs.search import Step
 from ident.logs.terms import Term
 from ident.loop.confounded import separation
 from ident.loop.diagnosis_json import FORMAT, POSTURES, SEED, VERSION
+from ident.loop.effect_words import joined
 from ident.plain import plain
 from ident.records.inputs import told
 from ident.records.log import Array
@@ -71,6 +72,7 @@ def verdict_document(
         },
         "inertia": _inertia(d),
         "unexplained": _unexplained(d),
+        "impossible": [text for _, text in d.impossible],
         "notes": _notes(d),
         "made_with": made_with or {},
     }
@@ -80,7 +82,7 @@ def verdict_document(
 
 def result_document(d: LogDiagnosis, seconds: Mapping[str, float]) -> dict[str, Any]:
     """Returns result.json of the corrected arm, the keys that `ident fit` promises; a log tells no spring and no motor inertia."""
-    alpha, covariance = _alpha(d)
+    alpha, covariance = d.alpha
     none = {"value": [None] * d.log.n, "std": [None] * d.log.n}
     document: dict[str, Any] = {
         "robot": d.model.chain.name,
@@ -88,7 +90,7 @@ def result_document(d: LogDiagnosis, seconds: Mapping[str, float]) -> dict[str, 
         "joints": d.log.joints,
         "alpha": {
             "names": d.model.names, "value": alpha, "std": np.sqrt(np.diag(covariance)), "unit": d.model.units,
-            "cad": d.model.alpha_cad,
+            "cad": d.model.alpha_cad, "in_files": d.links.alpha,
         },
         "K": none, "J_m": none, "D": none,
         "chi2_per_dof": (d.found.errors[-1] / share(d.noise**2, d.equations.report)) ** 2,
@@ -96,7 +98,7 @@ def result_document(d: LogDiagnosis, seconds: Mapping[str, float]) -> dict[str, 
         "not_identifiable": [
             {"what": "springs, motor inertias", "why": "a log is read with rigid joints", "remedy": "multisine records: ident export-excitation"}
         ],
-        "physically_consistent": {"ok": d.bodies, "distance": None},
+        "physically_consistent": {"ok": d.links.ok, "distance": d.links.distance},
         "method": "log",
         "records": {one.id: {"samples": len(one.q)} for one in d.log.trajectories},
         "seconds": seconds,
@@ -183,6 +185,8 @@ def _effect(d: LogDiagnosis, k: int) -> dict[str, Any]:
         "rivals": [{"name": one.name, "joint": _joint(d, one), "after": after} for one, after in step.rivals],
         "confounded_with": _confounded(d, step),
     }
+    if wrong := [text for one, text in d.impossible if one is term or (one is None and term.width)]:
+        entry["impossible"] = joined(wrong)
     if term.variable:
         heights, _ = _found(d, term)
         entry["curve"] = {
@@ -231,16 +235,10 @@ def _confounded(d: LogDiagnosis, step: Step) -> list[dict[str, Any]]:
     return [{"name": name, "joint": joint, **by} for (name, joint), by in found.items() if (name, joint) not in have]
 
 
-def _alpha(d: LogDiagnosis) -> tuple[Array, Array]:
-    phi, covariance = d.parameters
-    W = d.model.factoring.W
-    return W @ phi, W @ covariance @ W.T
-
-
 def _inertia(d: LogDiagnosis) -> dict[str, Any]:
     """alpha before and after, and by how much J(q) was wrong at random postures, relative to CAD's sqrt(J_ii J_jj)."""
     q = d.model.random_postures(POSTURES, np.random.default_rng(SEED))
-    cad, alpha = d.model.alpha_cad, _alpha(d)
+    cad, alpha = d.model.alpha_cad, d.alpha
     before, after = d.model.J_cad(q), d.model.J(q, alpha[0])
     diagonal = np.sqrt(np.einsum("pii->pi", before))
     off = np.abs(before - after) / (diagonal[:, :, None] * diagonal[:, None, :])
@@ -255,6 +253,7 @@ def _inertia(d: LogDiagnosis) -> dict[str, Any]:
         "alpha_before": named(cad, np.zeros(len(cad))),
         "alpha_after": named(alpha[0], std),
         "alpha_cad": cad,
+        "alpha_in_files": d.links.alpha,
         "J": {
             "postures": POSTURES, "seed": SEED, "change_rms": change, "change_largest": off.max(axis=0), "cad_rms": change,
             "relative_to": "sqrt(J_ii J_jj) of CAD",
@@ -290,8 +289,14 @@ def _notes(d: LogDiagnosis) -> list[str]:
     notes = [
         f"trajectories {a} and {b} are one motion: together they fit, choose or report" for a, b in d.equations.repeats
     ]
-    if not d.bodies:
+    if not d.links.exact:
+        away = f"{d.links.distance:.3g} standard deviations away" if d.links.distance > 0.0 else "apart by rounding"
         notes.append(
-            "no rigid bodies have the links found here: identified.urdf holds the nearest that have their J(q)"
+            f"no rigid bodies have the J(q) found here: identified.urdf, J.casadi and J.c hold the nearest that some have ({away}), not the constants "
+            "of this verdict and of result.json (alpha_in_files, in_files)"
+        )
+    elif not d.bodies:
+        notes.append(
+            "no rigid bodies have the links found here: identified.urdf holds the nearest that have their J(q), and J.casadi and J.c that J(q)"
         )
     return notes
