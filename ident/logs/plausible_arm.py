@@ -99,9 +99,9 @@ class Sight:
 
     @property
     def heavy(self) -> bool:
-        """Whether gravity is seen in a torque."""
+        """Whether gravity is seen in a torque: what does not change may be an offset."""
         weight = replace(self.motion, v=0.0 * self.motion.v, a=0.0 * self.motion.a).load
-        return bool(np.any(np.sqrt(np.mean(weight**2, axis=0)) > WEIGHT * self.size))
+        return bool(np.any(weight.std(axis=0) > WEIGHT * self.size))
 
     def scaled(self, angle: Array, torque: Array, gear: bool = False) -> Sight:
         """The same with angles and torques times factors [n]; `gear`: for the gear ratios are other ones by that."""

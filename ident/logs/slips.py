@@ -28,9 +28,10 @@ ROUGH = 1.6
 BESIDE = 1.6
 #: Slips that leave the same but for this are both told.
 SAME = 0.1
-#: Gear ratios, and sampling rates, in declared ones, that are looked at before the best is looked for; nearer to 1 than so it is none.
+#: Gear ratios, and sampling rates, in declared ones, that are looked at before the best is looked for; nearer to 1 than so it is none,
+#: a rate where no gravity tells it from rotors nearer than the last.
 RATIOS, RATES = (0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0), np.geomspace(0.1, 10.0, 21)
-CLOSE, CLOSE_RATE = 1.15, 1.03
+CLOSE, CLOSE_RATE, FAR_RATE = 1.15, 1.03, 1.8
 #: A rate that is off leaves this many times as much of squares, with all links and rotors as declared, and explains torques to this.
 CLEARLY, EXPLAINS = 16.0, 0.05
 _DEGREES = 180 / np.pi
@@ -113,7 +114,7 @@ def _slips(log: Log, sight: Sight, before: Left) -> Iterator[Slip]:
     yield from _exchanged(log, sight, own)
     for j in own:
         yield from _zero(log, sight, j)
-    if sight.heavy or n > 1:
+    if (sight.heavy or n > 1) and not log.currents:
         yield from _rate(log, sight)
 
 
@@ -253,7 +254,7 @@ def _zero(log: Log, sight: Sight, j: int) -> Iterator[Slip]:
 def _rate(log: Log, sight: Sight) -> Iterator[Slip]:
     """Another sampling rate: inertia goes with its square, gravity does not."""
     k = _least(sight.faster, RATES, 1.3)
-    if max(k, 1 / k) > CLOSE:
+    if max(k, 1 / k) > (CLOSE if sight.heavy else FAR_RATE):
         yield Slip("wrong sampling rate", "", _rate_line(log, sight, k), _always(sight.faster, k))
 
 
@@ -267,7 +268,7 @@ def _rate_line(log: Log, sight: Sight, k: float) -> str:
 
 def _slightly_off(log: Log, sight: Sight) -> Fault | None:
     """A rate that is off by as little as links may be: where links and rotors are exactly as declared but for it."""
-    if not sight.heavy or log.n == 1:
+    if not sight.heavy or log.n == 1 or log.currents:
         return None
     here = left(sight, as_declared=True).share
     k = minimize_scalar(
