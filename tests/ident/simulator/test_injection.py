@@ -324,6 +324,7 @@ def test_a_change_comes_with_its_record(text: str) -> None:
     assert away[0] < 1e-9 and min(away[1:]) > 1e-3
 
 
+@pytest.mark.bench  # six joints, five seconds a period
 def test_what_couples_a_stiff_gear_to_a_light_joint_is_as_stiff_at_rest_as_at_speed() -> None:
     """Far below the mode of the spring its force is all but cancelled: half a percent of it, of how a step foresees the motion without
     that force, was 11 times the noise, most of it below a hertz."""
