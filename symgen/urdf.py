@@ -8,6 +8,7 @@ file.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -80,6 +81,10 @@ def parse_chain(
         raise UrdfError(f"{where}: {error}") from None
 
 
+#: What a URDF says of the arm that is meant.
+_MEANT = re.compile(r"<symgen\b(?:[^>]*/>|.*?</symgen>)\n?", re.DOTALL)
+
+
 def with_arm(chain: Chain) -> str:
     """Returns the chain's URDF text, which says itself which arm is meant where that is not the usual one: whoever parses it,
     with no choice of his own, gets the same arm."""
@@ -100,8 +105,9 @@ def with_arm(chain: Chain) -> str:
     stand = {name: value for name, value in chain.frozen.items() if usual is None or usual.frozen.get(name) != value}
     rows = "".join(f"<at joint={quoteattr(name)} value={quoteattr(repr(value))}/>" for name, value in stand.items())
     meant = f"<symgen base={quoteattr(chain.base_link)} tip={quoteattr(chain.tip_link)}>{rows}</symgen>\n"
-    end = chain.source.rindex("</robot")
-    text = f"{chain.source[:end]}{meant}{chain.source[end:]}"
+    source = _MEANT.sub("", chain.source)  # what it said of another arm
+    end = source.rindex("</robot")
+    text = f"{source[:end]}{meant}{source[end:]}"
     if not same(arm(text, Choice())):
         raise UrdfError(f"{chain.name}: its text can not be made to say which arm is meant")
     return text

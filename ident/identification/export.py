@@ -208,7 +208,7 @@ def mjcf(arm: Identified, links: Links) -> str:
     from ident.simulator import plant
 
     chain = identified_chain(arm.model.chain, links)
-    root = plant.mjcf(chain, arm.drives, arm.gravity, np.zeros(chain.n), range(chain.n), STEP, "implicitfast")
+    root = plant.mjcf(chain, arm.drives, arm.gravity, np.zeros(chain.n), range(chain.n), STEP, "RK4")
     root.set("model", chain.name)
     motors = root.iter("motor")
     for body, joint, drive in zip(root.iter("body"), chain.joints, arm.drives, strict=True):

@@ -226,13 +226,15 @@ def _separate_drives(r: Identification) -> tuple[list[Array], tuple[str, ...]]:
 
 
 def _arm(model: Model, campaign: Campaign, robot: Robot | None) -> dict[str, Any]:
-    """Where the arm begins and ends, and which of its joints are frozen: what makes symgen read these joints again."""
+    """Where the arm begins and ends, and which of its joints are frozen: what makes symgen read these joints again; nothing where the URDF
+    says it itself, in its <symgen> element."""
     if robot is not None:
         return {"base": robot.base, "tip": robot.tip, "at": dict(robot.at)}
-    joints = ET.fromstring(campaign.urdf.removeprefix("\ufeff").encode(), ET.XMLParser(encoding="utf-8")).findall(
-        "joint"
-    )
-    driven = {joint.get("name", "") for joint in joints if joint.get("type") in ("revolute", "continuous", "prismatic")}
+    root = ET.fromstring(campaign.urdf.removeprefix("\ufeff").encode(), ET.XMLParser(encoding="utf-8"))
+    if root.find("symgen") is not None:
+        return {"at": {}}
+    moving = ("revolute", "continuous", "prismatic")
+    driven = {joint.get("name", "") for joint in root.findall("joint") if joint.get("type") in moving}
     return {"at": {name: value for name, value in model.chain.frozen.items() if name in driven and value == 0.0}}
 
 

@@ -637,3 +637,12 @@ def test_mutants_of_a_urdf_end_in_a_sound_chain_or_one_line() -> None:
         # -1e-9: links 1e6 m long or 1e6 kg heavy are allowed, and round the smallest eigenvalue
         assert np.linalg.eigvalsh(M)[0] > -1e-9 * np.trace(M)
     assert min(accepted, refused) > 15  # both happen, so that neither half of the test is idle
+
+
+def test_a_urdf_that_means_one_arm_can_mean_another() -> None:
+    text = robot("one revolute a b", "two revolute b c", "three revolute b d")
+    left = parse_chain(text, tip="c", at={"three": 0.3})
+    right = parse_chain(with_arm(left), base="a", tip="d", at={"two": 0.1})
+    again = parse_chain(with_arm(right))
+    assert (again.names, again.tip_link, again.frozen) == (("one", "three"), "d", {"two": 0.1})
+    assert with_arm(right).count("<symgen") == 1

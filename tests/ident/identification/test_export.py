@@ -27,9 +27,9 @@ from ident.records.campaign import Campaign, Record
 from ident.simulator.bench import simulate
 from ident.simulator.plant import build_plant
 from symgen.chain import Chain
-from symgen.plan import chain_of_robot, model_of_urdf
+from symgen.plan import chain_of_robot, make_model, model_of_urdf
 from symgen.robot import load_robot
-from symgen.urdf import load_chain, parse_chain
+from symgen.urdf import load_chain, parse_chain, with_arm
 
 sys.path.append(str(Path(__file__).parents[2] / "symgen"))
 
@@ -376,6 +376,19 @@ def test_joints_that_were_frozen_are_frozen_in_the_robot_file(tmp_path: Path) ->
     q = made.model.random_postures(100, np.random.default_rng(0))
     J = made.model.J(q, made.alpha)
     assert np.abs(crba(text, made.model.chain, q) - J).max() < ACCURACY * np.abs(J).max()
+
+
+def test_an_arm_that_its_urdf_chooses_is_chosen_by_it(tmp_path: Path) -> None:
+    """Some of its frozen joints stood in robot.toml, which then meant another arm: J_11 was 34 % off."""
+    chain = chain_of("arm6")
+    part = load_chain(ROBOTS / "arm6" / "arm6.urdf", tip="link4", at={chain.names[1]: 0.7})
+    made = identified(with_arm(part), part.names, 3)
+    write_files(made, tmp_path)
+    again = chain_of_robot(load_robot(tmp_path))
+    assert (again.names, again.tip_link, again.frozen) == (part.names, part.tip_link, part.frozen)
+    q = made.model.random_postures(20, np.random.default_rng(0))
+    J = make_model(again).J_cad(q)
+    assert np.abs(J - made.model.J(q, made.alpha)).max() < ACCURACY * np.abs(J).max()
 
 
 def test_names_no_file_format_likes(tmp_path: Path) -> None:

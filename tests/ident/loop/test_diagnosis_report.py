@@ -112,9 +112,9 @@ def test_an_effect_that_leaves_more_than_noise_is_not_said_to_explain_the_record
 def test_joints_and_bands_with_more_than_noise_are_named_but_for_those_of_few_lines(file):
     v = verdict_document(diagnosis(), [file])
     noise = {"joint2": v["error"]["noise_per_joint"]["joint2"], **v["error"]["noise_per_band"]}
-    v["error"]["after"]["per_joint"]["joint2"] = 2.0 * noise["joint2"]
+    v["error"]["after"]["per_joint"]["joint2"] = 2.2 * noise["joint2"]
     v["error"]["after"]["per_band"] |= {"10-30 Hz": 2.42 * noise["10-30 Hz"], "1-3 Hz": 9.0 * noise["1-3 Hz"]}
-    but = "but for joint2 (2 times the noise) and 10-30 Hz (2.4 times the noise)."
+    but = "but for joint2 (2.2 times the noise) and 10-30 Hz (2.4 times the noise)."
     assert sentence(v, {"1-3 Hz"}).endswith(f"it explains the records, {but}")
     assert text(v, few={"1-3 Hz"}).splitlines()[0] == sentence(v, {"1-3 Hz"})
     assert "1-3 Hz (9 times" in sentence(v)
