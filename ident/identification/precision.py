@@ -40,12 +40,14 @@ MOST_PERIODS = 100
 @dataclass(frozen=True)
 class Precision:
     """A campaign for a precision: the `robot` with its line spacing, `periods` of each record (settling ones included) and
-    the `seconds` that all take; `sigma` is the largest standard deviation of J_ij(q) over sqrt(J_ii J_jj) predicted."""
+    the `seconds` that all take; `sigma` is the largest standard deviation of J_ij(q) over sqrt(J_ii J_jj) predicted. The `shortest` has
+    no more periods than settle and tell noise."""
 
     robot: Robot
     periods: tuple[int, ...]
     seconds: float
     sigma: float
+    shortest: bool = False
 
     @property
     def text(self) -> str:
@@ -55,6 +57,7 @@ class Precision:
         return (
             f"predicted: sigma of J(q) at most {100 * self.sigma:.2g} % of sqrt(J_ii J_jj), from {len(self.periods)} records of "
             f"{each} periods of {1 / self.robot.experiment.f0:g} s: {self.seconds:.0f} s of robot time"
+            + (", the least that settles and tells its noise" if self.shortest else "")
         )
 
 
@@ -114,7 +117,7 @@ def _with_spacing(
         fits = recordable(e.fs, e.f0, int((settling + steady).max()))
         if sigma <= target and fits:
             periods = tuple(np.repeat(settling + steady, realisations).tolist())
-            return Precision(robot, periods, sum(periods) / e.f0, sigma)
+            return Precision(robot, periods, sum(periods) / e.f0, sigma, bool(np.all(steady == STEADY)))
         name, found = entry(*known.worst, chain.n), f"target {100 * target:g} %"
         if not np.isfinite(sigma):
             remedy = "more postures, or the other joints held by their motors (--lock dob), which are then read, too"

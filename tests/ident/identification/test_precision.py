@@ -93,6 +93,7 @@ def test_no_other_spacing_is_quicker(
 def test_precision_costs_time(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]], fine: Precision) -> None:
     model, robot, cells = planned
     rough, finer = (for_target(model, robot, cells, target) for target in (1e-2, 1e-4))
+    assert rough.shortest and "the least that settles" in rough.text and not finer.shortest
     for found, target in ((rough, 1e-2), (fine, 2e-4), (finer, 1e-4)):
         assert found.sigma <= target and len(found.periods) == len(cells)
     assert rough.seconds < fine.seconds < finer.seconds < 8 * fine.seconds  # four times the records, settling apart
