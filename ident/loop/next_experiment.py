@@ -29,8 +29,9 @@ from symgen.robot import Robot, load_robot
 
 #: Postures of one joint in an experiment at other postures, in one at the postures measured, and records at most.
 NEW, SAME, MOST = 5, 2, 10
-#: Other amplitudes, relative to the campaign's: smaller where friction is in question. No joint swings further than `SWING` [rad].
-LARGER, SMALLER, SWING = 3.0, 0.3, 0.03
+#: Other amplitudes, relative to the campaign's: smaller where friction is in question, or where a larger one is not `WORTH` times as large.
+#: No joint swings further than `SWING` [rad or m].
+LARGER, SMALLER, SWING, WORTH = 3.0, 0.3, 0.03, 1.5
 #: Effects that small motions show best.
 SLOW = ("motor-stribeck", "motor-hysteresis")
 #: Finer and wider lines: this many times as dense, up to this share of the sampling rate.
@@ -192,8 +193,7 @@ def _write_robot(arm: Identified, wish: Wish, campaign: Campaign, place: Path) -
     swing = max(_swings(campaign))
     e = replace(arm.experiment, swing=swing)
     if wish.recipe == "amplitude":
-        factor = SMALLER if set(wish.effects) & set(SLOW) else LARGER
-        e = replace(e, swing=min(factor * swing, max(SWING, swing)))
+        e = replace(e, swing=_another(swing, bool(set(wish.effects) & set(SLOW))))
     if wish.recipe == "lines":
         e = replace(e, f0=e.f0 / DENSER, band=(e.band[0] / DENSER, max(TOP * e.fs, e.band[1])))
     name = "declared.urdf"
@@ -202,6 +202,12 @@ def _write_robot(arm: Identified, wish: Wish, campaign: Campaign, place: Path) -
     replace_file(place / name, arm.urdf)
     replace_file(place / "robot.toml", robot_toml(replace(arm, experiment=e), remark, name, drives))
     return load_robot(place)
+
+
+def _another(swing: float, slow: bool) -> float:
+    """Another swing: smaller where friction is in question, or where a larger one were not much larger."""
+    larger = min(LARGER * swing, SWING)
+    return SMALLER * swing if slow or larger < WORTH * swing else larger
 
 
 def _swings(campaign: Campaign) -> list[float]:
@@ -300,8 +306,9 @@ def _paragraph(wish: Wish, cells: Sequence[Cell], robot: Robot, campaign: Campai
     per_joint = {joint: sum(cell.joint == joint for cell in cells) for joint in dict.fromkeys(c.joint for c in cells)}
     what = ", ".join(f"{joint} at {count} posture{'s' * (count > 1)}" for joint, count in per_joint.items())
     seconds = len(cells) * e.periods / e.f0
+    unit = "rad or m" if any(drive.linear for drive in robot.drives) else "rad"
     return (
-        f"Next: excite {what}, swinging up to {e.swing:.2g} rad (before: {max(_swings(campaign)):.2g}), lines every {e.f0:g} Hz "
+        f"Next: excite {what}, swinging up to {e.swing:.2g} {unit} (before: {max(_swings(campaign)):.2g}), lines every {e.f0:g} Hz "
         f"from {e.band[0]:g} to {e.band[1]:g} Hz, {e.periods} periods: {len(cells)} records, {seconds:.0f} s. This is "
         f"{RECIPES[wish.recipe]}, {wish.because}."
     )

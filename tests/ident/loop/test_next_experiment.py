@@ -14,7 +14,7 @@ from ident.errors import IdentError
 from ident.identification.export import write_files
 from ident.identification.identified import of_parts
 from ident.loop.diagnosis_json import FILE, verdict_document, write
-from ident.loop.next_experiment import SMALLER, Wish, _cells, plan_next, wanted
+from ident.loop.next_experiment import LARGER, SMALLER, SWING, Wish, _another, _cells, plan_next, wanted
 from ident.records.inputs import again, joined, told
 from ident.records.store import write_campaign
 from ident.simulator.bench import design
@@ -45,6 +45,12 @@ def planned(verdict, recipe, seed=1, **change):
     effect |= change
     write(document, out / FILE)
     return plan_next(out, seed)
+
+
+def test_another_amplitude_is_another_one():
+    assert _another(0.005, slow=False) == LARGER * 0.005 and _another(0.005, slow=True) == SMALLER * 0.005
+    assert _another(0.015, slow=False) == SWING
+    assert _another(0.03, slow=False) == SMALLER * 0.03  # no larger one is to be had
 
 
 def test_friction_that_falls_with_speed_is_looked_for_at_small_motions(verdict):
