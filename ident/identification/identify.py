@@ -25,7 +25,7 @@ from ident.joint.drive import SharedDrive
 from ident.joint.fit import PARAMETERS, ThreePoint, TwoMass, predict, three_point, two_mass, two_mass_frequencies
 from ident.joint.solve import Alpha, inertia_std
 from ident.records.campaign import Array, Campaign, Record
-from ident.records.doubtful import doubts
+from ident.records.doubtful import doubts, joint_medians
 from ident.records.faults import Fault, refuse
 from ident.records.frf import Complex, Frf, estimate
 from ident.records.resting import statuses
@@ -302,12 +302,12 @@ def _possible_links(model: Model, arm: OneArm) -> Consistency:
 
 def _doubts(campaign: Campaign, arm: OneArm, share: Array, index: Array) -> tuple[Fault, ...]:
     """Scales that the drives found and the `share` [R] of CAD's J_ii found, that of joint `index` [R], make doubtful."""
-    found = np.full((3, campaign.n), np.nan)
+    K, J_m = np.full((2, campaign.n), np.nan)
     for drive in arm.drives:
         i = campaign.joints.index(drive.joint)
-        own = np.median(share[index == i]) if np.any(index == i) else np.nan
-        found[:, i] = drive.K.value / campaign.K[i], drive.J_m.value / campaign.J_m[i], own
-    return doubts(campaign.joints, campaign.fs, campaign.N, *found)
+        K[i], J_m[i] = drive.K.value / campaign.K[i], drive.J_m.value / campaign.J_m[i]
+    own = joint_medians(share, index, campaign.n)
+    return doubts(campaign.joints, campaign.fs, campaign.N, K, J_m, own)
 
 
 def _notes(model: Model, responses: list[Frf], readings: _Readings, arm: OneArm, physical: Consistency) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ident.loop.diagnose import Diagnosis
-from ident.records.doubtful import doubts
+from ident.records.doubtful import doubts, joint_medians
 
 
 def doubtful(d: Diagnosis) -> list[str]:
@@ -14,6 +14,5 @@ def doubtful(d: Diagnosis) -> list[str]:
     q = np.array([record.posture for record in c.records])
     index = np.array([c.joints.index(record.excited) for record in c.records])
     found, declared = (J[np.arange(len(q)), index, index] for J in (d.model.J(q, p.alpha), d.model.J_cad(q)))
-    share = found / declared
-    own = [np.median(share[index == i]) if np.any(index == i) else np.nan for i in range(c.n)]
+    own = joint_medians(found / declared, index, c.n)
     return [f"{doubt.line}." for doubt in doubts(c.joints, c.fs, c.N, p.K / c.K, p.J_m / c.J_m, own)]

@@ -44,6 +44,11 @@ def doubts(
     )
 
 
+def joint_medians(values: Array, index: Array, n: int) -> Array:
+    """The median [n] of the `values` [R] of each joint, that of record r is `index` [R]; NaN for a joint without."""
+    return np.array([np.median(values[index == i]) if np.any(index == i) else np.nan for i in range(n)])
+
+
 def _of_clock(fs: float, K: Array, J_m: Array, J: Array) -> Iterator[Fault]:
     """The doubt about the sampling rate, where K has it as declared, and what has the square of time in it not."""
     factor = _shared(np.concatenate([J_m, J[:1]]) if len(J) == 1 else J_m, OF_INERTIAS)
