@@ -147,7 +147,7 @@ def _expressions(factoring: Factoring) -> dict[str, Any]:
 
 def _function(label: str, name: str, expressions: Mapping[str, Any], result: Any) -> ca.Function:
     inputs = list(_FUNCTIONS[name].inputs)
-    return ca.Function(label, [expressions[key] for key in inputs], [ca.densify(result)], inputs, [name])
+    return ca.Function(label, [expressions[key] for key in inputs], [ca.cse(ca.densify(result))], inputs, [name])
 
 
 def _constants(factoring: Factoring, robot_name: str, formulas: Sequence[Formula]) -> str:
@@ -196,7 +196,7 @@ def identified_source(factoring: Factoring, alpha: Array, robot_name: str) -> di
     robot, n = identifier(robot_name), factoring.chain.n
     q = ca.SX.sym("q", n)
     J = functions(factoring)["J"](q, ca.DM(alpha))
-    function = ca.Function(f"{robot}_J_identified_graph", [q], [ca.densify(J)], ["q"], ["J"])
+    function = ca.Function(f"{robot}_J_identified_graph", [q], [ca.cse(ca.densify(J))], ["q"], ["J"])
     generator = ca.CodeGenerator("J.c", {"with_header": False, "with_export": False})
     generator.add(function, False)
     call = f"void {robot}_J_identified(const double q[{n}], double J[{n}][{n}])"

@@ -138,41 +138,108 @@ def _parameters_turned(Q: Array) -> Array:
     return T
 
 
+@dataclass(frozen=True)
+class _Axis:
+    """A joint in a row of joints with parallel axes, seen from the frame before the first of them, z the axis of that one.
+
+    Its own z is `sign` times that; its link's frame is turned by the constant `turn` [3, 3] and then about z by an angle of which
+    `cs` are cosine and sine (None: by none). `step` [3, 3] and `lever` [3] lead to its frame from the link before, `along` is what it
+    slides along z.
+    """
+
+    turning: bool
+    sign: float
+    turn: list[list[float]]
+    cs: tuple[Scalar, Scalar] | None
+    step: list[list[float]]
+    lever: list[float]
+    along: Scalar
+
+    def vector(self, v: Sequence[Scalar]) -> list[Scalar]:
+        """A vector of its link in the frame of the row."""
+        v = _turned(self.turn, v)
+        return v if self.cs is None else _about_z(*self.cs, v)
+
+    def inertia(self, L: Sequence[Scalar]) -> list[Scalar]:
+        """Second moments of its link in the frame of the row."""
+        L = _inertia_turned(self.turn, L)
+        return L if self.cs is None else _inertia_about_z(*self.cs, L)
+
+    def momenta(self, columns: Any) -> Any:
+        """Momenta [6, k] in its link in the frame of the row."""
+        columns = _both(ca.sparsify(ca.DM(self.turn))) @ columns
+        if self.cs is None:
+            return columns
+        c, s = self.cs
+        return _both(ca.diagcat(ca.blockcat([[c, -s], [s, c]]), 1)) @ columns
+
+    def of_unit_speed(self, m: Scalar, h: Sequence[Scalar], L: Sequence[Scalar]) -> Any:
+        """The momentum [6] of unit speed of this joint, of what it carries, all in the frame of the row."""
+        x, y, _ = h
+        column = [*L[3:], _product(-1.0, y), x, 0.0] if self.turning else [y, _product(-1.0, x), 0.0, 0.0, 0.0, m]
+        return ca.sparsify(ca.vertcat(*(_product(self.sign, entry) for entry in column)))
+
+
 def _composite(chain: Chain, turns: list[Array], phi: list[Scalar], q: list[ca.SX]) -> Any:
     """J [n, n], tip to base: the composite body (m, h, L about the frame's origin) and the momenta of unit speeds.
 
-    The frame of link k is the link frame turned by turns[k], so that z is its joint axis.
+    The frame of link k is the link frame turned by turns[k], so that z is its joint axis. What a row of joints with parallel axes
+    carries is turned once, into the frame before the first of them: instead of it the levers between them are.
     """
-    n = chain.n
-    J = ca.SX(n, n)
+    J = ca.SX(chain.n, chain.n)
     m: Scalar = 0.0
     h: list[Scalar] = [0.0] * 3
     L: list[Scalar] = [0.0] * 6
     momenta: Any = ca.SX(6, 0)  # columns: angular and linear momentum of the unit speed of joints k, k + 1, .., here
-    for k in reversed(range(n)):
-        own = phi[10 * k : 10 * k + 10]
-        m, h, L = _sum(m, own[0]), _plus(h, own[1:4]), _plus(L, own[4:])
-        turning = chain.joints[k].type == REVOLUTE
-        column = (
-            [*L[3:], _product(-1.0, h[1]), h[0], 0.0] if turning else [h[1], _product(-1.0, h[0]), 0.0, 0.0, 0.0, m]
-        )
-        momenta = ca.horzcat(ca.sparsify(ca.vertcat(*column)), momenta)
-        J[k, k:] = J[k:, k] = momenta[2 if turning else 5, :]
-        if k == 0:
-            break
-        if turning:
-            c, s = ca.cos(q[k]), ca.sin(q[k])
-            h, L = _about_z(c, s, h), _inertia_about_z(c, s, L)
-            momenta = _both(ca.diagcat(ca.blockcat([[c, -s], [s, c]]), 1)) @ momenta
-        else:
-            along = [0.0, 0.0, q[k]]
-            h, L = _shifted(along, m, h, L)
-            momenta = _lever(along) @ momenta
-        turn = [[rounded(x) for x in row] for row in turns[k - 1].T @ chain.joints[k].R @ turns[k]]
-        offset = [rounded(x) for x in turns[k - 1].T @ chain.joints[k].p]
-        h, L = _shifted(offset, m, _turned(turn, h), _inertia_turned(turn, L))
-        momenta = _lever(offset) @ (_both(ca.sparsify(ca.DM(turn))) @ momenta)
+    k = chain.n
+    for row in reversed(_rows(chain, turns, q)):
+        for i in reversed(range(len(row))):
+            k, axis = k - 1, row[i]
+            own_m, own_h, own_L = phi[10 * k], phi[10 * k + 1 : 10 * k + 4], phi[10 * k + 4 : 10 * k + 10]
+            if axis is row[-1]:
+                h, L = axis.vector(_plus(h, own_h)), axis.inertia(_plus(L, own_L))
+                momenta = axis.momenta(momenta)
+            else:
+                h, L = _plus(h, axis.vector(own_h)), _plus(L, axis.inertia(own_L))
+            m = _sum(m, own_m)
+            momenta = ca.horzcat(axis.of_unit_speed(m, h, L), momenta)
+            J[k, k:] = J[k:, k] = _product(axis.sign, momenta[2 if axis.turning else 5, :])
+            if k == 0:
+                break
+            offset = row[i - 1].vector(axis.lever) if i else [0.0, 0.0, 0.0]
+            offset = _plus(offset, [0.0, 0.0, _product(axis.sign, axis.along)])
+            h, L = _shifted(offset, m, h, L)
+            momenta = _lever(offset) @ momenta
+            if i == 0:
+                h, L = _shifted(axis.lever, m, _turned(axis.step, h), _inertia_turned(axis.step, L))
+                momenta = _lever(axis.lever) @ (_both(ca.sparsify(ca.DM(axis.step))) @ momenta)
     return ca.sparsify(J)
+
+
+def _rows(chain: Chain, turns: list[Array], q: list[ca.SX]) -> list[list[_Axis]]:
+    """The joints, base to tip, in rows of parallel axes; J does not depend on where the first joint is."""
+    rows: list[list[_Axis]] = []
+    turn, angle = np.eye(3), 0.0
+    for k, joint in enumerate(chain.joints):
+        before = turns[k - 1].T if k else np.eye(3)
+        step, lever = _exactly(before @ joint.R @ turns[k]), [rounded(x) for x in before @ joint.p]
+        if k and abs(step[2, 2]) == 1.0:
+            turn = _exactly(turn @ step)
+        else:
+            rows.append([])
+            turn, angle = np.eye(3), 0.0
+        turning, sign = joint.type == REVOLUTE, float(turn[2, 2])
+        if turning and k:
+            angle = _sum(angle, _product(sign, q[k]))
+        cs = None if _none(angle) else (ca.cos(angle), ca.sin(angle))
+        along = 0.0 if turning or k == 0 else q[k]
+        rows[-1].append(_Axis(turning, sign, turn.tolist(), cs, step.tolist(), lever, along))
+    return rows
+
+
+def _exactly(turn: Array) -> Array:
+    """A rotation with rounded entries; what is rounding of zero is zero."""
+    return np.array([[rounded(x) if abs(x) > _ZERO else 0.0 for x in row] for row in turn])
 
 
 def _both(turn: Any) -> Any:
