@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,7 @@ from symgen import equations, typeset
 from symgen.basis import Factoring
 from symgen.chain import Array
 from symgen.formula import Formula, alpha_cad, alpha_formulas, named_lengths, rounded
-from symgen.graph import inertia_graph, trigonometric_graph
+from symgen.graph import Graph, inertia_graph, trigonometric_graph
 
 if TYPE_CHECKING:
     from symgen.plan import Plan
@@ -81,7 +82,7 @@ def write_functions(
     deriving them again. Raises OSError.
     """
     directory = Path(directory)
-    expressions = _expressions(factoring)
+    expressions = _Expressions(inertia_graph(factoring), factoring.d)
     robot = identifier(robot_name)
     texts = {
         "alpha_cad.json": _constants(factoring, robot_name, formulas or alpha_formulas(factoring)),
@@ -90,8 +91,8 @@ def write_functions(
     }
     for name, text in texts.items():
         (directory / name).write_text(text, encoding="utf-8")
-    for name, function in functions(factoring, expressions).items():
-        save(function, directory / f"{name}.casadi")
+    for name in _FUNCTIONS:
+        save(_function(name, name, expressions, getattr(expressions, name)), directory / f"{name}.casadi")
     return [*texts, *(f"{name}.casadi" for name in _FUNCTIONS)]
 
 
@@ -102,15 +103,15 @@ def save(function: ca.Function, path: Path) -> None:
     path.write_text(serializer.encode(), encoding="ascii")
 
 
-def functions(factoring: Factoring, expressions: Mapping[str, Any] | None = None) -> dict[str, ca.Function]:
-    """Returns the CasADi functions of an arm by name, all results dense.
+def functions(factoring: Factoring, names: Sequence[str] = tuple(_FUNCTIONS)) -> dict[str, ca.Function]:
+    """Returns the CasADi functions of an arm by name, all results dense; of `names`, where not all are needed.
 
     `J_diag` (q [n], alpha [D]) -> [n]; `J` (q, alpha) -> [n, n]; `C_rows` (q) -> [n, d], row i times alpha[:d] is J_ii;
     `dJ_dq` (q, alpha) -> [n, n n], the matrices dJ/dq_1, dJ/dq_2, .. side by side; `regressor` (q) -> [n n, D], times
     alpha it is J column by column. q in rad or m, alpha in the units of `factoring.alphas`.
     """
-    expressions = expressions or _expressions(factoring)
-    return {name: _function(name, name, expressions, expressions[name]) for name in _FUNCTIONS}
+    expressions = _Expressions(inertia_graph(factoring), factoring.d)
+    return {name: _function(name, name, expressions, getattr(expressions, name)) for name in names}
 
 
 def trigonometric_functions(factoring: Factoring) -> dict[str, ca.Function]:
@@ -118,9 +119,8 @@ def trigonometric_functions(factoring: Factoring) -> dict[str, ca.Function]:
 
     Raises SymgenError for an arm with more monomials than are written out.
     """
-    graph = trigonometric_graph(factoring)
-    expressions = {"q": graph.q, "alpha": graph.alpha, "J": graph.J, "J_diag": ca.diag(graph.J)}
-    return {name: _function(name, name, expressions, expressions[name]) for name in ("J_diag", "J")}
+    expressions = _Expressions(trigonometric_graph(factoring), factoring.d)
+    return {name: _function(name, name, expressions, getattr(expressions, name)) for name in ("J_diag", "J")}
 
 
 def identifier(name: str) -> str:
@@ -130,24 +130,39 @@ def identifier(name: str) -> str:
     return word if word and not word[0].isdigit() else f"robot_{word}".rstrip("_")
 
 
-def _expressions(factoring: Factoring) -> dict[str, Any]:
-    """The symbols q and alpha and the result of each function over them."""
-    graph, n = inertia_graph(factoring), factoring.chain.n
-    flat, diagonal = ca.vec(graph.J), ca.diag(graph.J)
-    return {
-        "q": graph.q,
-        "alpha": graph.alpha,
-        "J_diag": diagonal,
-        "J": graph.J,
-        "C_rows": ca.jacobian(diagonal, graph.alpha)[:, : factoring.d],
-        "dJ_dq": ca.reshape(ca.jacobian(flat, graph.q), n, n * n),
-        "regressor": ca.jacobian(flat, graph.alpha),
-    }
+class _Expressions:
+    """The result of each function over the symbols q and alpha, made when it is asked for, dense, nothing computed twice."""
+
+    def __init__(self, graph: Graph, d: int) -> None:
+        self.q, self.alpha, self._J, self._d = graph.q, graph.alpha, ca.cse(graph.J), d
+
+    @property
+    def J(self) -> Any:
+        return ca.densify(self._J)
+
+    @property
+    def J_diag(self) -> Any:
+        return ca.densify(ca.diag(self._J))
+
+    @cached_property
+    def C_rows(self) -> Any:
+        return ca.cse(ca.densify(ca.jacobian(ca.diag(self._J), self.alpha)[:, : self._d]))
+
+    @cached_property
+    def dJ_dq(self) -> Any:
+        n = self.q.numel()
+        return ca.cse(ca.densify(ca.reshape(ca.jacobian(ca.vec(self._J), self.q), n, n * n)))
+
+    @cached_property
+    def regressor(
+        self,
+    ) -> Any:  # hardly anything twice, and so many numbers that to look for it takes a second for ten joints
+        return ca.densify(ca.jacobian(ca.vec(self._J), self.alpha))
 
 
-def _function(label: str, name: str, expressions: Mapping[str, Any], result: Any) -> ca.Function:
+def _function(label: str, name: str, expressions: _Expressions, result: Any) -> ca.Function:
     inputs = list(_FUNCTIONS[name].inputs)
-    return ca.Function(label, [expressions[key] for key in inputs], [ca.cse(ca.densify(result))], inputs, [name])
+    return ca.Function(label, [getattr(expressions, key) for key in inputs], [result], inputs, [name])
 
 
 def _constants(factoring: Factoring, robot_name: str, formulas: Sequence[Formula]) -> str:
@@ -166,12 +181,13 @@ def _constants(factoring: Factoring, robot_name: str, formulas: Sequence[Formula
 # C -------------------------------------------------------------------------------------------------------------------
 
 
-def _source(factoring: Factoring, robot: str, expressions: Mapping[str, Any]) -> str:
+def _source(factoring: Factoring, robot: str, expressions: _Expressions) -> str:
     """The C file: what CasADi generates, and functions with plain arrays around it."""
     generator = ca.CodeGenerator(f"symgen_{robot}.c", {"with_header": False, "with_export": False})
     wrappers = []
     for name, emitted in _FUNCTIONS.items():
-        result = expressions[name].T if name in _BY_ROWS else expressions[name]
+        result = getattr(expressions, name)
+        result = result.T if name in _BY_ROWS else result
         function = _function(f"{robot}_{name}_graph", name, expressions, result)
         generator.add(function, False)
         first = "[0]" * (len(emitted.shape) - 1)
@@ -195,8 +211,8 @@ def identified_source(factoring: Factoring, alpha: Array, robot_name: str) -> di
     """
     robot, n = identifier(robot_name), factoring.chain.n
     q = ca.SX.sym("q", n)
-    J = functions(factoring)["J"](q, ca.DM(alpha))
-    function = ca.Function(f"{robot}_J_identified_graph", [q], [ca.cse(ca.densify(J))], ["q"], ["J"])
+    J = functions(factoring, ["J"])["J"](q, ca.DM(alpha))
+    function = ca.Function(f"{robot}_J_identified_graph", [q], [J], ["q"], ["J"])
     generator = ca.CodeGenerator("J.c", {"with_header": False, "with_export": False})
     generator.add(function, False)
     call = f"void {robot}_J_identified(const double q[{n}], double J[{n}][{n}])"

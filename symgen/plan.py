@@ -387,7 +387,7 @@ def write_J(model: Model, alpha: Array, path: Path) -> None:
     from symgen.emit import functions, save
 
     q = ca.SX.sym("q", model.chain.n)
-    J = functions(model.factoring)["J"](q, ca.DM(alpha))
+    J = functions(model.factoring, ["J"])["J"](q, ca.DM(alpha))
     beside = path.with_name(f".{path.name}")
     save(ca.Function("J", [q], [J], ["q"], ["J"]), beside)
     beside.replace(path)

@@ -87,7 +87,7 @@ def verify(factoring: Factoring, postures: int = 200, seed: int = 0) -> Verdict:
 
 def _written(factoring: Factoring, q: Array) -> Iterator[Array]:
     """J(q) [m, n, n], or its diagonal put in the place of that of J, as the functions have it that are written."""
-    found, alpha, n = functions(factoring), factoring.alpha_cad, factoring.chain.n
+    found, alpha, n = functions(factoring, ["J", "C_rows"]), factoring.alpha_cad, factoring.chain.n
     J = np.array(found["J"].map(len(q))(q.T, alpha)).reshape(n, len(q), n).swapaxes(0, 1)
     yield J
     rows = np.array(found["C_rows"].map(len(q))(q.T)).reshape(n, len(q), factoring.d).swapaxes(0, 1)

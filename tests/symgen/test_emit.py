@@ -155,7 +155,7 @@ def test_graphs_of_parallel_axes_are_smaller_still() -> None:
     sizes = {name: function.n_instructions() for name, function in functions(factoring_of("ur5")).items()}
     assert sizes["J"] <= 370  # 490 where each joint turns what all that follow carry
     assert sizes["dJ_dq"] <= 950  # 1590
-    assert sizes["regressor"] <= 1920  # 3300
+    assert sizes["regressor"] <= 1990  # 3300
 
 
 def test_carriers_are_well_conditioned_and_their_inverse_sparse() -> None:
