@@ -23,6 +23,7 @@ from ident.records.campaign import Campaign
 from ident.records.frf import Frf, estimate
 from ident.search.added import (
     Added,
+    drawn_on,
     exchanged,
     in_its_place,
     largest_first,
@@ -34,7 +35,7 @@ from ident.search.added import (
 from ident.search.apart import apart
 from ident.search.changes import told_of
 from ident.search.choice import Tried
-from ident.search.contradicted import Off, contradicted, merged, standard_deviations
+from ident.search.contradicted import Off, contradicted, merged
 from ident.search.departures import Departure, Errors, errors
 from ident.search.each_record import in_each_record
 from ident.search.minima import afresh, links_anew, settled
@@ -52,7 +53,6 @@ from ident.search.refits import (
     fitted,
     on_declared_links,
     reduced_chi2,
-    same,
     some,
 )
 from ident.search.rest import (
@@ -70,6 +70,7 @@ from ident.search.rest import (
     something_departs,
 )
 from ident.search.rounds import another
+from ident.search.spread import as_found
 from ident.search.unbent import unbent
 from ident.search.whole_numbers import each_otherwise
 from symgen.plan import Model
@@ -250,7 +251,7 @@ class Begun:
         state, off = merged(state, contradictions)
         state = settled(bench, state)
         start = state if found is start else _better(start, added)
-        final = largest_first(bench, state, _as_found(state, added, contradictions))
+        final = largest_first(bench, state, as_found(bench.split, state, added, contradictions))
         told = told_of(bench.split, state, bench.split.report)
         before = errors(bench, _first(start, final, off), told)
         after = errors(bench, state, told)
@@ -274,16 +275,6 @@ def status_of(left: bool, effects: bool, off: bool, before: float, after: float)
 def _first(start: State, added: Sequence[Added], off: Sequence[Off]) -> State:
     """The arm without effects; where only declared numbers are off, with those as declared."""
     return off[0].without if off and not added else start
-
-
-def _as_found(state: State, added: Sequence[Added], contradictions: Sequence[Off]) -> tuple[Added, ...]:
-    """The entries of the effects that a model has, in the order in which they were added, as they are in it."""
-    return tuple(
-        replace(a, effect=e, std=standard_deviations(state, e, contradictions))
-        for a in added
-        for e in state.effects
-        if same(a.effect, e)
-    )
 
 
 def _better(start: State, added: Sequence[Added]) -> State:
@@ -389,7 +380,7 @@ def _loop(
             break  # lines of every record tell more
         state, added = apart(bench, state, added)
         state, added = exchanged(bench, state, added)
-        state, added = pruned(bench, state, added)
+        state, added = drawn_on(bench, *pruned(bench, state, added))
         for curve in [e for e in state.effects[:-1] if isinstance(e, Learned) and not was_named(e)]:
             state, added = renamed(bench, state, curve, added)
         missing = missing if state is tried_from else ()

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ident.arm.arm_model import DRIVES
-from ident.arm.coupled import degrees_of_freedom, uncertainty
+from ident.arm.coupled import degrees_of_freedom
 from ident.arm.evidence import Evidence
 from ident.arm.parts import degrees
 from ident.effects.base import Effect, only_shares
@@ -25,6 +24,7 @@ from ident.joint.solve import inertia_std
 from ident.loop.confounded import AGAIN, NEVER, Separation, never_told_apart, separation
 from ident.loop.diagnose import Diagnosis
 from ident.loop.held_out import carried
+from ident.loop.repeats import remarks_on
 from ident.loop.scales import doubtful
 from ident.loop.unexplained import unexplained
 from ident.plain import plain, replace_file
@@ -39,6 +39,7 @@ from ident.search.departures import Errors
 from ident.search.deviations import SIGMAS
 from ident.search.minima import LEAST_GAIN
 from ident.search.refits import State
+from ident.search.spread import spread
 from symgen.plan import Model
 
 FORMAT, VERSION = "frf-verdict", 1
@@ -96,7 +97,13 @@ def verdict_document(
         "inertia": _inertia(d),
         "drives": _drives(d),
         "unexplained": unexplained(d),
-        "notes": [*notes, *doubtful(d), *not_closer(d.split, d.end), *statuses(d.campaign.joints, d.responses)],
+        "notes": [
+            *notes,
+            *doubtful(d),
+            *remarks_on(d.after.noise_per_joint),
+            *not_closer(d.split, d.end),
+            *statuses(d.campaign.joints, d.responses),
+        ],
         "made_with": made_with or {},
     }
     found: dict[str, Any] = plain(document)
@@ -119,7 +126,7 @@ def result_document(d: Diagnosis, seconds: Mapping[str, float]) -> dict[str, Any
     where the time went."""
     problem, found, model = d.end.problem, d.end.minimum, d.model
     p = problem.parameters(found.vector)
-    covariance, unseen, _ = _uncertainty(d.end)
+    covariance, unseen, _ = spread(d.split, d.end)
     data = max(problem.data, d.split.fit, key=degrees)  # chi^2 is as all of their lines would have it
     dof, limit = degrees_of_freedom(replace(problem, data=data), found)
     links = nearest_links(model, p.alpha, covariance, unseen)
@@ -156,16 +163,10 @@ def result_document(d: Diagnosis, seconds: Mapping[str, float]) -> dict[str, Any
     return result
 
 
-@lru_cache(maxsize=2)  # both documents ask for that of the last model
-def _uncertainty(state: State) -> tuple[Array, Array, Array]:
-    """Covariance of alpha, directions of it that no record shows, standard deviations of all parameters: see `uncertainty`."""
-    return uncertainty(state.problem, state.minimum)
-
-
 def _drives(d: Diagnosis) -> dict[str, Any]:
     """K, J_m, D, D_spring of the corrected arm, with standard deviations."""
     p, n = d.end.problem.parameters(d.end.minimum.vector), d.campaign.n
-    std = _uncertainty(d.end)[2]
+    std = spread(d.split, d.end)[2]
     return {
         name: {"value": values, "std": std[block * n : (block + 1) * n] * values}
         for block, name in enumerate(DRIVES)
@@ -361,12 +362,12 @@ def _inertia(d: Diagnosis) -> dict[str, Any]:
     cad = d.model.J_cad(q)
     diagonal = np.sqrt(np.einsum("pii->pi", cad))
     size = diagonal[:, :, None] * diagonal[:, None, :]
-    covariance, unseen, _ = _uncertainty(d.end)
+    covariance, unseen, _ = spread(d.split, d.end)
     std = np.sqrt(np.mean((inertia_std(d.model.J_rows(q), covariance, unseen) / size) ** 2, axis=0))
     change, of_cad = (np.where(np.isfinite(std), np.abs(other - after) / size, np.nan) for other in (before, cad))
     return {
-        "alpha_before": _alpha(d.model, d.first),
-        "alpha_after": _alpha(d.model, d.end),
+        "alpha_before": _alpha(d, d.first),
+        "alpha_after": _alpha(d, d.end),
         "alpha_cad": d.model.alpha_cad,
         "J": {
             "postures": POSTURES,
@@ -380,14 +381,14 @@ def _inertia(d: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _alpha(model: Model, state: State) -> dict[str, Any]:
+def _alpha(d: Diagnosis, state: State) -> dict[str, Any]:
     """{name: value, std, unit}."""
     value = state.problem.parameters(state.minimum.vector).alpha
-    covariance, unseen, _ = _uncertainty(state)
+    covariance, unseen, _ = spread(d.split, state)
     std = _deviations(covariance, unseen)
     return {
         name: {"value": v, "std": s, "unit": unit}
-        for name, v, s, unit in zip(model.names, value, std, model.units, strict=True)
+        for name, v, s, unit in zip(d.model.names, value, std, d.model.units, strict=True)
     }
 
 

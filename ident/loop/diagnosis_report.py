@@ -32,6 +32,7 @@ from ident.loop.effect_words import (
 )
 from ident.loop.either_model import ENDED
 from ident.loop.held_out import HeldOut, felt, gains, held_out, reconstructed, with_few_lines
+from ident.loop.repeats import unrepeated
 from ident.search.deviations import ALONE, BESIDE, SIGMAS
 from ident.search.trace import PORTS
 
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
 
 #: Held-out error, of noise alone, up to which the records are explained.
 EXPLAINED = 1.5
+#: The same from which what was found with something unexplained is told as what comes nearest only.
+FAR = 10.0
 #: The same of a joint or a band, which a few loud lines may make: of clean records it is 1.5 or 1.6 at times.
 BEYOND = 2.0
 #: More declared numbers that are off than these are counted in a sentence, not named.
@@ -96,8 +99,10 @@ def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
 def sentence(verdict: dict[str, Any], few: Collection[str] = ()) -> str:
     """What was found, in one sentence; the errors of joints and bands of `few` lines say nothing."""
     effects, found = verdict["effects"], _found(verdict)
+    alike = not unrepeated(verdict["error"]["noise_per_joint"])
     if verdict["status"] == "explained":
-        return "Nothing is missing: the declared model explains every record within its noise."
+        what = "every record within its noise" if alike else "what repeats in the records"
+        return f"Nothing is missing: the declared model explains {what}."
     found = f"{found[0].upper()}{found[1:]}" if found else ""
     if verdict["status"] == "effect-found":
         many = len(_off(verdict)) > NAMED
@@ -107,19 +112,30 @@ def sentence(verdict: dict[str, Any], few: Collection[str] = ()) -> str:
             before, after = (f"{e[when]['all'] / noise:.3g}" for when in ("before", "after"))
             return f"{found}; with {pronoun} its error falls from {before} to {after} times the noise."
         but = joined([f"{name} ({times:.2g} times the noise)" for name, times in _beyond(e, few)])
-        return f"{found}; with {pronoun} it explains the records{', but for ' if but else ''}{but}."
+        what = "the records" if alike else "what repeats in the records"
+        return f"{found}; with {pronoun} it explains {what}{', but for ' if but else ''}{but}."
     left = place(verdict["unexplained"][0]) if verdict["unexplained"] else "the records"
     left += ", when the search was ended for time" if any(note.startswith(ENDED) for note in verdict["notes"]) else ""
     if not effects:
         return f"Something acts that nothing in the catalogue explains: {left}."
     before, after = (verdict["error"][when]["all"] for when in ("before", "after"))
+    names = joined([named_with_others(e) for e in effects])
     if after > before and not verdict["unexplained"]:
-        names = joined([named_with_others(e) for e in effects])
         return (
             f"Something acts that nothing in the catalogue explains: with {names} the held-out error grows from "
             f"{percent(before)} to {percent(after)}."
         )
+    if _is_far(verdict):
+        come = "comes" if len(effects) == 1 else "come"
+        return f"Something acts that nothing in the catalogue explains: {left}; {names} {come} nearest, far from it."
     return f"{found}; even so something stays unexplained: {left}."
+
+
+def _is_far(verdict: dict[str, Any]) -> bool:
+    """Whether what was found leaves so much, of the noise and of the error before, that it is hardly what acts."""
+    e = verdict["error"]
+    before, after = e["before"]["all"], e["after"]["all"]
+    return after > FAR * e["noise_floor"] and after > before / 2
 
 
 def _beyond(e: dict[str, Any], few: Collection[str]) -> list[tuple[str, float]]:
@@ -213,8 +229,11 @@ def todo(verdict: dict[str, Any]) -> list[str]:
     if verdict["unexplained"]:
         lines.append(f"Look at {place(verdict['unexplained'][0])}: ident next plans records that show it best.")
     if verdict["effects"]:
+        careful = (
+            ", but with care: what stays unexplained bends its numbers" if verdict["status"] == "unexplained" else ""
+        )
         lines.append(
-            "Use the corrected arm in this directory (robot.toml, identified.urdf, J.casadi) in place of the declared one."
+            f"Use the corrected arm in this directory (robot.toml, identified.urdf, J.casadi) in place of the declared one{careful}."
         )
     if plans:
         out = verdict["made_with"].get("out", ".")

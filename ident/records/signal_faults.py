@@ -151,7 +151,13 @@ def _shift(signal: Array, periods: int, S: int) -> tuple[int, int] | None:
     shifted = np.flatnonzero(flat)
     if len(shifted) < 2 or flat[shifted[-1]] != flat[shifted[-2]]:  # one block by chance is nothing
         return None
-    return int(flat[shifted[-1]]), int(shifted[-1])
+    end = int(shifted[-1]) + 1
+    before_it = flat[
+        max(end - BLOCKS, 0) : end
+    ]  # what is lost shifts all that come before, and leaps of an encoder some by chance
+    if np.count_nonzero(before_it == flat[end - 1]) < len(before_it) / 4:
+        return None
+    return int(flat[end - 1]), end - 1
 
 
 def _repeated(record: Record, joint: int) -> NDArray[np.int64]:

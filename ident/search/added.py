@@ -19,6 +19,7 @@ from ident.search.departures import errors
 from ident.search.minima import LEAST_GAIN, elsewhere, fully, told
 from ident.search.refits import (
     CLOSE,
+    FULLY,
     HASTILY,
     NAMED,
     Bench,
@@ -33,6 +34,7 @@ from ident.search.refits import (
     some,
     without,
 )
+from ident.search.rest import something_departs
 from ident.search.trace import port_shares
 from ident.search.trials import CURVES, explains, polished, promising
 from ident.search.tried import refitted
@@ -129,6 +131,19 @@ def pruned(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[
         elif by_curve:
             state, added = drawn_over(bench, state, less, old, added)
     return state, added
+
+
+def drawn_on(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
+    """The model without its last name, where a curve that was found before explains the records alone, drawn on from where the name has
+    led it: many heights come to their minimum slowly, and a name elsewhere that meets them on the way is none of a cause."""
+    last = state.effects[-1]
+    if isinstance(last, Learned) or not any(isinstance(e, Learned) for e in state.effects[:-1]) or bench.late:
+        return state, added
+    less = fitted(bench, replace(Refit.of(without(bench, state, last)), outer=FULLY))
+    bench.say(f"  drawn on without {told(last)}: {reduced_chi2(bench, less):.4g}")
+    if reduced_chi2(bench, less) > NAMED or something_departs(bench, less):
+        return state, added
+    return less, _of_model(less, added)
 
 
 def renewed(state: State, new: State, added: Sequence[Added]) -> list[Added]:

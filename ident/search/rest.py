@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 from ident.arm.arm_fit import chi_squared
 from ident.arm.parts import degrees, few_lines, sampled
 from ident.effects.base import Effect, Law, has_forces, winds_up
 from ident.effects.learned import Learned
-from ident.search.added import Added
 from ident.search.candidates import surest
 from ident.search.changes import told_of
 from ident.search.departures import Departure, departures, groups, held_as
 from ident.search.refits import BENT, CLOSE, FEW_SAMPLES, NAMED, Bench, State, linearised, reduced_chi2
 from ident.search.trials import ENOUGH
+
+if TYPE_CHECKING:
+    from ident.search.added import Added
 
 #: The excess of chi^2 on the choosing records is so many times that on the fitting ones where these bend what is free; so
 #: many times where something is left and they may.

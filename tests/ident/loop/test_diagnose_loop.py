@@ -288,6 +288,7 @@ def test_what_only_the_choosing_records_doubt_or_those_that_report_is_told_by_li
         "errors": lambda *of: none,
         "told_of": lambda *of: (),
         "is_unseen": lambda bench, state: unseen,
+        "as_found": lambda split, state, added, off: tuple(added),
     }
     _instead(monkeypatch, stand_ins)
     monkeypatch.setattr("ident.search.refits.degrees", lambda data: 1)
@@ -312,11 +313,12 @@ def test_entries_are_in_the_order_in_which_they_were_added_and_errors_of_the_sam
         "largest_first": lambda bench, state, added: list(added),
         "merged": lambda state, contradictions: (state, ()),
         "settled": lambda bench, state: state,
-        "standard_deviations": lambda *of: (),
         "told_of": lambda split, state, data: data[: -len(state.effects) // 2],
         "errors": lambda bench, state, data: SimpleNamespace(all=state.select, of=data),
     }
     _instead(monkeypatch, stand_ins)
+    monkeypatch.setattr("ident.search.spread.standard_deviations", lambda *of: ())
+    monkeypatch.setattr("ident.search.spread._scatter", lambda split, state: 1.0)
     bench: Any = SimpleNamespace(split=parts, campaign=None, model=None, say=lambda line: None)
     told = Begun((), (), bench, start).diagnosed()  # type: ignore[arg-type]
     assert [(one.effect, one.after) for one in told.added] == [(renamed_first, 0.2), (second, 1.0)]

@@ -192,12 +192,26 @@ def test_what_a_model_is_known_to_is_asked_once(file, monkeypatch):
     """Of the model before and of the one after, whichever documents are made of them."""
     d, asked = blind(diagnosis(), "alpha_13"), []
     monkeypatch.setattr(
-        "ident.loop.diagnosis_json.uncertainty",
+        "ident.search.spread.uncertainty",
         lambda problem, found: (asked.append(found), uncertainty(problem, found))[1],
     )
     verdict_document(d, [file])
     result_document(d, {})
     assert sorted(map(id, asked)) == sorted([id(d.start.minimum), id(d.end.minimum)])
+
+
+def test_numbers_of_a_model_that_leaves_more_than_noise_are_less_sure_by_the_root_of_it(file):
+    d = diagnosis()
+    own, dof = d.end.minimum, degrees(max(d.end.problem.data, d.split.fit, key=degrees))
+    sure, unsure = (
+        verdict_document(replace(d, end=replace(d.end, minimum=replace(own, chi2=level * dof))), [file])
+        for level in (1.0, 9.0)
+    )
+    for tell in (
+        lambda v: v["drives"]["K"]["std"],
+        lambda v: [one["std"] for one in v["inertia"]["alpha_after"].values() if one["std"] is not None],
+    ):
+        assert tell(unsure) == pytest.approx(3.0 * np.array(tell(sure)))
 
 
 def test_the_first_model_has_declared_numbers_as_declared_where_these_alone_are_off():

@@ -109,6 +109,33 @@ def test_an_effect_that_leaves_more_than_noise_is_not_said_to_explain_the_record
     assert sentence(v).endswith("with it it explains the records.")
 
 
+def test_what_hardly_helps_is_told_as_what_comes_nearest(file):
+    v = verdict_document(diagnosis(), [file])
+    assert not any("with care" in line for line in todo(v))
+    d = diagnosis()
+    v = verdict_document(replace(unexplained(), added=d.added, before=d.before, after=d.after), [file])
+    assert "lacks" in sentence(v) and any("with care" in line for line in todo(v))
+    v["error"] |= {
+        "before": {"all": 0.11},
+        "after": {"all": 0.1, "per_joint": {}, "per_band": {}},
+        "noise_floor": 0.001,
+    }
+    assert sentence(v).endswith("comes nearest, far from it.") and "lacks" not in sentence(v)
+
+
+def test_what_does_not_repeat_is_not_said_to_be_explained(file):
+    """It counts as noise: of one joint there is ten times as much of it as of the others."""
+    d = diagnosis()
+    noise = {"joint1": 0.001, "joint2": 0.02, "joint3": 0.002}
+    v = verdict_document(replace(d, after=replace(d.after, noise_per_joint=noise)), [file])
+    assert sentence(v).endswith("with it it explains what repeats in the records.")
+    (said,) = [note for note in v["notes"] if "period" in note]
+    assert said.startswith("joint2 does not repeat itself from period to period: 2 % of its motion differs, 13 times")
+    noise["joint2"] = 0.01  # as light joints have it whose encoders are coarse
+    v = verdict_document(replace(d, after=replace(d.after, noise_per_joint=noise)), [file])
+    assert not v["notes"] and sentence(v).endswith("with it it explains the records.")
+
+
 def test_joints_and_bands_with_more_than_noise_are_named_but_for_those_of_few_lines(file):
     v = verdict_document(diagnosis(), [file])
     noise = {"joint2": v["error"]["noise_per_joint"]["joint2"], **v["error"]["noise_per_band"]}

@@ -323,6 +323,18 @@ def test_lost_samples(name: str, lock: str) -> None:
     assert "there twice" in only(found(one_record(campaign, 1, lambda r: twice(r, 4000))), "lost samples", "").line
 
 
+def test_an_encoder_that_leaps_at_some_angles_has_lost_no_samples() -> None:
+    campaign = clean("ypp3", "dob", wrong=True)
+
+    def leaping(theta: np.ndarray) -> np.ndarray:
+        return theta + 0.01 * (2.0 * (8.0 * theta / (2.0 * np.pi) % 1.0) - 1.0)
+
+    def misread(record: Record) -> Record:
+        return column(record, "theta", campaign.joints.index(record.excited), leaping)
+
+    assert "lost samples" not in [fault.name for fault in found(every_record(campaign, misread))]
+
+
 @arms
 def test_samples_filled_up_with_the_one_before(name: str) -> None:
     def fill(record: Record) -> Record:

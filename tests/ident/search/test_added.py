@@ -20,7 +20,7 @@ from ident.effects.motor import InputDelay, TorqueLag
 from ident.effects.spring import SpringHardening
 from ident.effects.structure import LinkFlexibility
 from ident.loop.diagnose import _better
-from ident.search.added import Added, drawn_over, exchanged, largest_first, of_another_size, outdone, pruned
+from ident.search.added import Added, drawn_on, drawn_over, exchanged, largest_first, of_another_size, outdone, pruned
 from ident.search.choice import Tried
 from ident.search.refits import Refit, instead
 
@@ -227,6 +227,23 @@ def test_friction_whose_creep_was_fitted_is_no_learned_friction_of_one_height(mo
     both, entries = state(0.9, named, curve), [entry(named), entry(curve)]
     best, told = drawn_over(whole_bench(), both, less, named, entries)
     assert best.effects == (curve, drawn) and [one.effect for one in told] == [drawn, curve]
+
+
+@pytest.mark.parametrize(("left", "departs", "taken"), [(1.0, False, True), (1.0, True, False), (1.3, False, False)])
+def test_a_name_beside_a_curve_that_explains_without_it_once_drawn_on_is_none(
+    left: float, departs: bool, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It met the curve on the way to its minimum."""
+    curve, named = learned("spring", "position", [-1.0, 1.0])(0, (0.1, -0.1)), MotorQuadraticDrag(2, (3.0,))
+    monkeypatch.setattr(ident.search.added, "fitted", lambda bench, refit: state(left, *refit.effects))
+    monkeypatch.setattr(ident.search.added, "without", lambda bench, one, old: state(1.1, curve))
+    monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    monkeypatch.setattr(ident.search.added, "something_departs", lambda bench, state: departs)
+    best, entries = drawn_on(BENCH, state(0.99, curve, named), [entry(curve), entry(named)])
+    kept = (curve,) if taken else (curve, named)
+    assert best.effects == tuple(one.effect for one in entries) == kept
+    last = state(0.99, named, curve)
+    assert drawn_on(BENCH, last, []) == (last, [])
 
 
 def test_a_second_name_in_the_heights_of_a_curve_is_of_the_curves_entry(monkeypatch: pytest.MonkeyPatch) -> None:
