@@ -62,6 +62,7 @@ KINDS = {
     "driving": Kind("drive", "velocity", "Nms/rad", "torque/rate"),
     "structural": Kind("position", "way"),
     "gain": Kind("position", "drive", "", "", -0.9, 9.0, sliding=""),
+    "passing": Kind("position", "load", "", "", -0.9, 9.0, sliding=""),
     "fading": Kind("velocity", "drive", "", "", -0.9, 9.0, sliding=""),
     "stiffness": Kind("turn", "position", "Nm/rad", "K", -0.5, 2.0, "N/m"),
     "mesh": Kind("turn"),
@@ -73,7 +74,7 @@ LINEAR = ("position", "velocity", *(name for name, kind in KINDS.items() if kind
 VARIABLES = {
     "motor": (
         "position", "velocity", "torque", "drive", "friction", "sliding", "loaded", "driven", "damping", "laden", "driving",
-        "gain", "fading",
+        "gain", "passing", "fading",
     ),
     "spring": ("position", "velocity", "damping", "structural", "stiffness", "mesh"),
     "link": ("position", "velocity", "torque", "friction", "sliding", "loaded", "damping", "laden"),
@@ -246,6 +247,8 @@ def factor(at: State, port: str, name: str) -> Any:
             return direction(v)
         case "drive":
             return at.tau
+        case "load":
+            return at.spring / at.N if port == "motor" else at.spring
         case "position":
             return x
         case _:

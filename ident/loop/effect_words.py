@@ -154,6 +154,7 @@ def _kind_of(effect: dict[str, Any]) -> str:
         "driving": "damping that is a curve of the drive's torque",
         "structural": f"damping by a torque, not a velocity, that is a curve of {place}",
         "gain": "a share of its torque that is a curve of position",
+        "passing": "a share of its load that is a curve of position",
         "fading": "a share of its torque that is a curve of velocity",
         "reading": "an error that is a curve of the motor's position",
         "stiffness": "stiffness that is a curve of the motor's position",

@@ -204,6 +204,21 @@ class Commutation(Law):
 
 
 @final
+class UnevenTeeth(Law):
+    """Teeth that pass the load on unevenly: a ripple that is a share of it."""
+
+    name, port = "uneven-teeth", "motor"
+    parameters = (
+        Parameter("share", "", 0.0, 1.0, (0.1,), linear=True),
+        Parameter("order", "", 1.0, 20.0, (5.0,), zero=None, whole=True),
+    )
+
+    def law(self, at: State) -> Any:
+        share, order = self.values
+        return share * np.sin(order * at.theta) * at.spring / at.N
+
+
+@final
 class MeshStiffness(Law):
     """Teeth that share the load by turns: a spring as stiff as where the motor is."""
 
@@ -359,6 +374,7 @@ OUTSIDE: dict[str, type[Effect]] = {
         PlaceDamper,
         PressedFriction,
         Commutation,
+        UnevenTeeth,
         MeshStiffness,
         FadingTorque,
         IronLoss,
@@ -385,6 +401,7 @@ OUTSIDE_RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "place-damper": {"damping": (0.03, 0.15), "order": ("one of", 170, 230, 270)},
     "pressed-friction": {"share": (0.03, 0.15)},
     "commutation": {"share": (0.02, 0.1), "order": ("one of", 2, 3, 5)},
+    "uneven-teeth": {"share": (0.02, 0.1), "order": ("one of", 2, 3, 5)},
     "fading-torque": {"share": (0.02, 0.1), "speed": (0.9, 1.1)},
     "iron-loss": {"damping": (0.03, 0.2), "at": (0.9, 1.1)},
     "laden-damper": {"damping": (0.03, 0.2), "at": (0.9, 1.1)},

@@ -20,7 +20,7 @@ from ident.arm.coupled import declared_start
 from ident.arm.evidence import gravity_basis
 from ident.effects.base import Effect, Law, Parameter
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.learned import LearnedLaw, as_damping, at_knots, bent, learned
+from ident.effects.learned import VARIABLES, LearnedLaw, as_damping, at_knots, bent, learned
 from ident.effects.motion import Motion, State
 from ident.search.added import drawn_over, outdone, pruned
 from ident.search.alike import names_alike
@@ -74,6 +74,14 @@ def test_a_curve_is_straight_between_its_knots() -> None:
     law = kind(0, (1.0, 3.0, -1.0))
     assert isinstance(law, Law)
     np.testing.assert_allclose(law.law(state(np.array([-1.5, -0.5, 0.0, 1.0, 9.0]))), [1.0, 2.0, 3.0, 1.0, -1.0])
+
+
+def test_what_a_curve_of_place_passes_on_is_a_share_of_the_load() -> None:
+    """Of that of the spring at its motor, and of nothing else."""
+    law = learned("motor", "passing", [-1.0, 0.0, 2.0])(0, (0.1, 0.3, -0.1))
+    assert isinstance(law, Law)
+    assert law.law(replace(state(1.0, 9.0), spring=50.0, tau=7.0)) == pytest.approx(0.1 * 50.0 / 100.0)
+    assert "passing" in VARIABLES["motor"]
 
 
 def test_a_curve_goes_on_beyond_its_ends_as_steeply_as_it_ends() -> None:
@@ -448,6 +456,7 @@ def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tu
     [
         pytest.param(("place-damper", 5.0, 170.0), "damping at the link", marks=pytest.mark.bench),
         (("commutation", 0.01, TEETH), "gain at the motor"),
+        pytest.param(("uneven-teeth", 0.01, TEETH), "passing at the motor", marks=pytest.mark.bench),
         pytest.param(("mesh-stiffness", 100.0, TEETH), "stiffness at the spring", marks=pytest.mark.bench),
         pytest.param(("pressed-friction", 0.1), "driven at the motor", marks=pytest.mark.bench),
         pytest.param(("fading-torque", 0.02, 20.0), "fading at the motor", marks=pytest.mark.bench),
