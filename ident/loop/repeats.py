@@ -15,14 +15,14 @@ import numpy as np
 TIMES, LEAST = 8.0, 5e-3
 
 
-def unrepeated(noise: Mapping[str, float]) -> dict[str, float]:
+def unrepeated(noise: Mapping[str, float | None]) -> dict[str, float]:
     """Returns the joints of which too much differs from period to period, and how many times what does of the others; `noise` is that of
-    each joint, relative to its motion."""
-    found = {}
-    for joint, own in noise.items():
-        others = [level for other, level in noise.items() if other != joint]
+    each joint, relative to its motion, or nothing."""
+    found, known = {}, {joint: level for joint, level in noise.items() if level}
+    for joint, own in known.items():
+        others = [level for other, level in known.items() if other != joint]
         usual = float(np.median(others)) if others else 0.0
-        if own > LEAST and usual and own > TIMES * usual:
+        if own > LEAST and own > TIMES * usual > 0.0:
             found[joint] = own / usual
     return found
 

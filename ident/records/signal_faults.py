@@ -152,9 +152,7 @@ def _shift(signal: Array, periods: int, S: int) -> tuple[int, int] | None:
     if len(shifted) < 2 or flat[shifted[-1]] != flat[shifted[-2]]:  # one block by chance is nothing
         return None
     end = int(shifted[-1]) + 1
-    before_it = flat[
-        max(end - BLOCKS, 0) : end
-    ]  # what is lost shifts all that come before, and leaps of an encoder some by chance
+    before_it = flat[max(end - BLOCKS, 0) : end]  # lost samples shift all of it, an encoder that leaps some by chance
     if np.count_nonzero(before_it == flat[end - 1]) < len(before_it) / 4:
         return None
     return int(flat[end - 1]), end - 1

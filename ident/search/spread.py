@@ -31,9 +31,8 @@ def _by_noise(state: State) -> tuple[Array, Array, Array]:
 def _scatter(split: Split, state: State) -> float:
     """What standard deviations grow by where a model leaves more than noise, the root of chi^2 per degree of freedom; 1 where it does not
     (R. T. Birge, DOI 10.1103/PhysRev.40.207)."""
-    level = state.minimum.chi2 / degrees(
-        max(state.problem.data, split.fit, key=degrees)
-    )  # chi^2 is as all of their lines would have it
+    dof = degrees(max(state.problem.data, split.fit, key=degrees))  # chi^2 is as all of their lines would have it
+    level = state.minimum.chi2 / dof
     return float(np.sqrt(level)) if level > NAMED else 1.0
 
 
