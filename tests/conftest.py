@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -32,3 +33,8 @@ def pytest_configure() -> None:
         return planned[key]
 
     symgen.plan.plan_of_robot = once
+
+
+def pytest_collection_finish() -> None:
+    """What is loaded by now stays, and is not looked through again for what may be thrown away."""
+    gc.freeze()
