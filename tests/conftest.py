@@ -22,6 +22,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure() -> None:
     """Robots that differ in nothing that a plan knows of are planned once, whoever asks: it knows no experiment, and no springs."""
+    gc.disable()  # until all is loaded
     planned: dict[str, Plan] = {}
 
     def once(robot: Robot) -> Plan:
@@ -38,3 +39,4 @@ def pytest_configure() -> None:
 def pytest_collection_finish() -> None:
     """What is loaded by now stays, and is not looked through again for what may be thrown away."""
     gc.freeze()
+    gc.enable()
