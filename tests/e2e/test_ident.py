@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from undrawn import undrawn
+from undrawn import drawn_of, undrawn
 
 from ident.cli import main
 from ident.identification.identify import identify
@@ -68,7 +68,8 @@ def quick(folder: Path) -> str:
 
 def rigid(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
     """The paper's simulation: locks that are rigid."""
-    return once(folder, "rigid", ["run", quick(folder), "--lock", "rigid", "--seed", "3"], capsys)
+    with drawn_of("0001"):
+        return once(folder, "rigid", ["run", quick(folder), "--lock", "rigid", "--seed", "3"], capsys)
 
 
 def dob(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
@@ -108,7 +109,8 @@ def test_a_report_is_made_again_of_what_the_result_says(folder: Path, capsys: py
     page = folder / "rigid" / "report.html"
     first = page.read_text()
     page.unlink()
-    assert main(["report", str(folder / "rigid")]) == 0
+    with drawn_of("0001"):
+        assert main(["report", str(folder / "rigid")]) == 0
     assert _without_times(page.read_text()) == _without_times(first)
     assert capsys.readouterr().out == f"Report: {page}\n"
     stale = folder / "stale"

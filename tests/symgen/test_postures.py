@@ -161,8 +161,7 @@ HARD = ("panda", "6R 0")
     # the others are tried in the longer studies, ur10, which is ur5 at another scale, too
     [
         *(pytest.param(name, marks=() if name in ("ur5", "panda") else pytest.mark.bench) for name in VENDORS),
-        "6R 0",
-        pytest.param("7R 1", marks=pytest.mark.bench),
+        *(pytest.param(name, marks=pytest.mark.bench) for name in ("6R 0", "7R 1")),
     ],
 )
 def test_a_plan_is_a_good_one_and_certified(name: str) -> None:

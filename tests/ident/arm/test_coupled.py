@@ -157,7 +157,14 @@ def best(model: Model, noisy: Campaign) -> CoupledFit:
     return fitted(model, noisy, Start(arm.K, arm.J_m, arm.D, arm.D_spring, model.alpha_cad, beta))
 
 
-@pytest.mark.parametrize("off", [[3.0, 3.0, 1.0, 1.0], [3.0, 0.4, 3.0, 0.4], [0.4, 3.0, 0.4, 3.0]])
+@pytest.mark.parametrize(
+    "off",
+    [
+        pytest.param([3.0, 3.0, 1.0, 1.0], marks=pytest.mark.bench),
+        [3.0, 0.4, 3.0, 0.4],
+        [0.4, 3.0, 0.4, 3.0],
+    ],
+)
 def test_a_start_far_off_ends_at_the_same_optimum(
     model: Model, noisy: Campaign, best: CoupledFit, off: list[float]
 ) -> None:

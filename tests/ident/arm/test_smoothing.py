@@ -37,40 +37,43 @@ LINKS = chain_of_robot(load_robot(ROBOTS / "ypp3"))
 
 
 @pytest.mark.parametrize(
-    ("effect", "joint", "f0", "measured", "smoothed"),
+    ("effect", "joint", "f0", "fs", "measured", "smoothed"),
     [
-        pytest.param(MotorCoulomb(0, (4e-3,)), "joint2", 1.0, 2.0, 1.15, id="a motor that sticks"),
-        pytest.param(MotorCoulomb(1, (3e-2,)), "joint2", 1.0, 10.0, 1.1, id="a motor that stops and turns often"),
+        pytest.param(MotorCoulomb(0, (4e-3,)), "joint2", 1.0, 500.0, 2.0, 1.15, id="a motor that sticks"),
+        pytest.param(MotorCoulomb(1, (3e-2,)), "joint2", 1.0, 1e3, 10.0, 1.1, id="a motor that stops and turns often"),
         pytest.param(
-            MotorStribeck(0, (5e-3, 3e-2, 2.0)), "joint1", 1.0, 2.0, 1.2, id="periods that differ near standstill"
+            MotorStribeck(0, (5e-3, 3e-2, 2.0)), "joint1", 2.0, 1e3, 2.0, 1.2, id="periods that differ near standstill"
         ),
         # other draws: 0.5 to 2.9 with the smoothed motion, 15 to 1070 with the measured one
         pytest.param(
             MotorStribeck(1, (2e-2, 6e-2, 3.0)),
             "joint2",
             0.5,
+            1e3,
             100.0,
             3.0,
             id="turns that do not settle",
             marks=pytest.mark.bench,
         ),
-        pytest.param(LinkCoulomb(1, (0.4,)), "joint1", 1.0, 100.0, 1.15, id="a link that sticks"),
+        pytest.param(LinkCoulomb(1, (0.4,)), "joint1", 1.0, 500.0, 100.0, 1.15, id="a link that sticks"),
         pytest.param(
-            LinkCoulomb(1, (0.4,)), "joint2", 0.5, 1.03, 1.0, id="a link that slides", marks=pytest.mark.bench
+            LinkCoulomb(1, (0.4,)), "joint2", 0.5, 1e3, 1.03, 1.0, id="a link that slides", marks=pytest.mark.bench
         ),
-        pytest.param(SpringHardening(1, (3e7,)), "joint2", 1.0, 100.0, 1.15, id="a spring under load"),
+        pytest.param(SpringHardening(1, (3e7,)), "joint2", 1.0, 500.0, 100.0, 1.15, id="a spring under load"),
         # motions that turns lead to leave 213 times the noise
-        pytest.param(SpringHardening(0, (2.5e10,)), "joint1", 1.0, 100.0, 1.0, id="a spring that hardens threefold"),
         pytest.param(
-            LoadDependentFriction(0, (0.4,)), "joint1", 1.0, 4.0, 1.0, id="a link that rubs by the load it makes"
+            SpringHardening(0, (2.5e10,)), "joint1", 1.0, 1e3, 100.0, 1.0, id="a spring that hardens threefold"
+        ),
+        pytest.param(
+            LoadDependentFriction(0, (0.4,)), "joint1", 1.0, 500.0, 4.0, 1.0, id="a link that rubs by the load it makes"
         ),
     ],
 )
 def test_true_parameters_explain_a_record_with_the_motion_they_make(
-    effect: Effect, joint: str, f0: float, measured: float, smoothed: float
+    effect: Effect, joint: str, f0: float, fs: float, measured: float, smoothed: float
 ) -> None:
     seed = 5 if f0 == 0.5 else 4  # with the fourth what lines so near tell hardly differs by the motion
-    by_measured, by_smoothed = levels(effect, joint, (0.0, 0.4, 0.8), f0=f0, seed=seed)
+    by_measured, by_smoothed = levels(effect, joint, (0.0, 0.4, 0.8), f0=f0, fs=fs, seed=seed)
     assert by_smoothed < smoothed
     assert by_measured > measured
 
@@ -108,13 +111,13 @@ def test_forces_of_second_order_follow_from_the_motion_that_friction_leaves() ->
 
 def test_terms_of_second_order_are_those_of_the_motion_in_which_links_pull_on_motors() -> None:
     """Measured or likeliest; without the pull 1.2 times the noise is left with the measured one."""
-    assert max(levels(MotorCoupling(0, (-0.3, 1.0)), "joint2", (0.0, 0.5, 0.9))) < 1.1
+    assert max(levels(MotorCoupling(0, (-0.3, 1.0)), "joint2", (0.0, 0.5, 0.9), fs=500.0)) < 1.1
 
 
 def test_a_joint_that_an_effect_puts_beside_its_posture_is_fitted_where_it_was() -> None:
     """A tooth that pulls the joint 2 mrad aside: at the posture 3.9 times the noise is left of the light joints' resonances."""
     teeth = TransmissionError(4, (2.06e-5, 2.0, -0.34))
-    assert levels(teeth, "joint5", (0.0, 0.0, 0.0, 0.0, 0.0, 1.8145), robot="arm6", f0=1.0)[1] < 1.0
+    assert levels(teeth, "joint5", (0.0, 0.0, 0.0, 0.0, 0.0, 1.8145), robot="arm6", f0=1.0, fs=500.0)[1] < 1.0
 
 
 def test_a_joint_is_beside_its_posture_by_more_than_a_softer_spring_would_do() -> None:
@@ -155,7 +158,7 @@ def test_true_parameters_explain_a_record_of_two_effects_at_a_joint(
     effect: Effect, beside: Effect, before: float
 ) -> None:
     """What was left `before` means were of the torques that act, and sweeps went on as long as forces change."""
-    assert levels(effect, "joint2", (0.0, 0.4, 0.8), beside, f0=2.0)[1] < 1.1 < before
+    assert levels(effect, "joint2", (0.0, 0.4, 0.8), beside, f0=2.0, fs=500.0)[1] < 1.1 < before
 
 
 @pytest.mark.bench
@@ -190,18 +193,18 @@ def test_ports_that_answer_each_other_by_more_than_it_was_settle_by_mixing() -> 
 
 def test_a_law_of_velocity_settles_by_the_best_line_through_velocity() -> None:
     """With that through position alone 5200 times the noise is left of this record."""
-    assert levels(OneWayDamper(0, (5.0,)), "joint1", (0.0, 1.57, 0.0))[1] < 1.15
+    assert levels(OneWayDamper(0, (5.0,)), "joint1", (0.0, 1.57, 0.0), fs=500.0)[1] < 1.15
 
 
 def test_a_law_with_a_memory_settles_by_its_best_line() -> None:
     """As one more force of the motion it leaves 1770 times the noise."""
-    measured, smoothed = levels(SpringHysteresis(0, (0.11, 4e-5)), "joint1", (0.0, 1.57, 0.0))
+    measured, smoothed = levels(SpringHysteresis(0, (0.11, 4e-5)), "joint1", (0.0, 1.57, 0.0), fs=500.0)
     assert smoothed < 1.15 < measured
 
 
 def test_a_law_with_a_memory_is_met_where_turns_do_not_settle() -> None:
     """As stiff as twice the spring, where it turns often: 655 times the noise is left of this record without Newton's steps."""
-    assert levels(SpringHysteresis(2, (0.13, 1.1e-5)), "joint3", (0.0, -0.32, -0.02))[1] < 1.0
+    assert levels(SpringHysteresis(2, (0.13, 1.1e-5)), "joint3", (0.0, -0.32, -0.02), f0=1.0)[1] < 1.0
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def arm(*effects: Effect) -> Injected:
 def test_friction_by_load_is_of_the_same_load_in_the_simulation_and_in_the_fit(besides: Effect) -> None:
     """Of K and damping alone it leaves 30 times the noise beside play, 19 beside a spring that hardens."""
     friction = LoadDependentFriction(1, (0.02,))
-    assert levels(besides, "joint2", POSTURE, friction, f0=2.0)[1] < 1.1
+    assert levels(besides, "joint2", POSTURE, friction, f0=2.0, fs=500.0)[1] < 1.1
 
 
 def test_a_spring_carries_at_rest_what_hangs_on_it_whatever_its_law() -> None:
@@ -63,7 +63,7 @@ def test_a_machine_does_not_depend_on_the_order_of_its_effects(effects: tuple[Ef
 def test_a_disc_is_on_the_part_of_a_bending_link_that_the_joint_moves() -> None:
     """As the fit has it: on the far part it leaves 2100 times the noise."""
     disc, bends = AttachedResonator(1, (0.02, 40.0, 2e-4)), LinkFlexibility(1, (15000.0, 0.5, 2e-4, 0.0))
-    assert levels(disc, "joint2", POSTURE, bends, f0=2.0)[1] < 1.1
+    assert levels(disc, "joint2", POSTURE, bends, f0=2.0, fs=500.0)[1] < 1.1
 
 
 def test_a_motor_holds_what_it_can_however_much_that_is() -> None:

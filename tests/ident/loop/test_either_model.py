@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from once import once
 
 import ident.loop.either_model
 from ident.effects.motor import InputDelay
@@ -22,6 +24,8 @@ from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
 SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
+#: For those that a stand-in diagnoses.
+BRIEF = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=3, fs=500.0))
 #: The delay put in [s].
 DELAY, JOINT = 3e-4, 1
 
@@ -31,7 +35,19 @@ def campaign(delay: float, times: int = 2) -> Campaign:
     """All cells of the plan so many times, so that the records determine general links, too."""
     cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(SHORT).cells] * times
     effects = [InputDelay(JOINT, (delay,))] if delay else []
-    return simulate(chain_of_robot(SHORT), SHORT, cells, effects=effects, workers=1, seed=5)
+    robot = SHORT if times > 1 else BRIEF
+    return simulate(chain_of_robot(robot), robot, cells, effects=effects, workers=1, seed=5)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _read_once() -> Iterator[None]:
+    """The records of a campaign are found sound, and their responses found, for all tests."""
+    own = ident.loop.either_model
+    with (
+        once("ident.loop.either_model.refuse", own.refuse, lambda c, model: id(c)),
+        once("ident.loop.either_model.estimate", own.estimate, lambda record, c: (id(c), record.id)),
+    ):
+        yield
 
 
 @pytest.mark.bench  # e2e/test_diagnose has it of half as many records

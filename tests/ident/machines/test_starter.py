@@ -6,14 +6,12 @@ import json
 import re
 import shutil
 import tomllib
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from once import once
 
 from ident.cli import main
 from ident.errors import ExperimentError, IdentError
@@ -23,7 +21,7 @@ from ident.machines.doctor_page import page
 from ident.machines.starter import new_robot, starting_drives
 from ident.simulator.design import prepare
 from symgen.errors import RobotError
-from symgen.plan import chain_of_file, chain_of_robot, plan_of_robot
+from symgen.plan import chain_of_file, chain_of_robot
 from symgen.robot import load_robot, recordable
 
 ROBOTS = Path(__file__).parents[3] / "robots"
@@ -121,17 +119,6 @@ def test_nothing_of_a_person_is_overwritten(tmp_path: Path, capsys: pytest.Captu
 
 
 # the doctor -----------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module", autouse=True)
-def planned_once() -> Iterator[None]:
-    """Robots that differ in nothing but their experiment, of which a plan knows nothing, are planned once."""
-    with once(
-        "ident.machines.doctor.plan_of_robot",
-        plan_of_robot,
-        lambda robot: repr((robot.urdf.read_bytes(), replace(robot, urdf=Path(), path=Path(), experiment=None))),
-    ):
-        yield
 
 
 def spoiled(tmp_path: Path, *changes: tuple[str, str]) -> Examination:

@@ -138,7 +138,7 @@ def test_nothing_is_found_where_nothing_is_and_others_are_rigid(name: str, wrong
 def test_an_effect_of_the_arm_is_no_fault_of_the_recording(effect: str) -> None:
     """Friction that nearly holds a joint, a spring that is none: the fit's business, or the diagnosis'."""
     robot = quick("ypp3")
-    robot = replace(robot, experiment=replace(robot.experiment, f0=2.0, band=(2.0, 120.0)))
+    robot = replace(robot, experiment=replace(robot.experiment, f0=2.0, band=(2.0, 120.0), fs=500.0))
     chain = chain_of_robot(robot)
     drives = [robot.drive(joint) for joint in chain.names]
     effects = [parse(f"{effect}@{joint}", drives) for joint in chain.names]

@@ -14,7 +14,7 @@ from ident.records.faults import FLAG, REFUSE, Fault, faults
 from ident.simulator.bench import simulate
 from symgen.plan import model_of_urdf
 
-EXPERIMENT = "line_spacing_Hz = 1.0\nband_Hz = [1.0, 60.0]\nperiods = 3"
+EXPERIMENT = "sample_rate_Hz = 500\nline_spacing_Hz = 1.0\nband_Hz = [1.0, 60.0]\nperiods = 3"
 POSTURES = ([0.0, 0.2], [0.0, -1.3], [0.0, 1.1], [0.0, -0.4])
 
 

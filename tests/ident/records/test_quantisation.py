@@ -61,7 +61,7 @@ def test_a_joint_at_rest_and_noise_over_steps_have_no_line_of_their_own() -> Non
 @pytest.mark.parametrize("seed", [pytest.param(s, marks=() if s == 2 else pytest.mark.bench) for s in range(4)])
 def test_deviations_are_honest_where_held_joints_move_over_few_counts(seed: int, tmp_path: Path) -> None:
     """4096 counts, a held joint moves over 4 to 10: the coupling of the links was off by up to 7 standard deviations."""
-    experiment = "line_spacing_Hz = 2.0\nband_Hz = [2.0, 60.0]\nperiods = 3"
+    experiment = "sample_rate_Hz = 500\nline_spacing_Hz = 2.0\nband_Hz = [2.0, 60.0]\nperiods = 3"
     robot = two_joints(tmp_path, experiment, *2 * [{"encoder_counts_per_rev": 4096}])
     plan = plan_of_robot(robot)
     cells = [(plan.cells[k].joint, plan.cells[k].q) for k in (0, 1, 2, 4, 6, 7)]
@@ -73,7 +73,7 @@ def test_deviations_are_honest_where_held_joints_move_over_few_counts(seed: int,
 
 def test_a_posture_that_the_encoder_hardly_tells_is_said(tmp_path: Path) -> None:
     """2000 counts behind no gear: the joint is held somewhere within 3 mrad."""
-    experiment = "line_spacing_Hz = 2.0\nband_Hz = [2.0, 60.0]\nperiods = 3"
+    experiment = "sample_rate_Hz = 500\nline_spacing_Hz = 2.0\nband_Hz = [2.0, 60.0]\nperiods = 3"
     direct = {"N": 1, "J_m_kgm2": 5e-3, "torque_limit_Nm": 30, "encoder_counts_per_rev": 2000}
     robot = two_joints(tmp_path, experiment, {}, direct)
     plan = plan_of_robot(robot)

@@ -15,19 +15,21 @@ from ident.search.refits import reduced_chi2
 from ident.search.unbent import DOUBTED, unbent
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
-from symgen.robot import load_robot
+from symgen.robot import Robot, load_robot
 
 YPP3 = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
 ROBOT = replace(YPP3, experiment=replace(YPP3.experiment, f0=1.0, periods=3))
+#: Half as long, and as fine.
+BRIEF = replace(YPP3, experiment=replace(YPP3.experiment, f0=2.0, periods=3, fs=500.0))
 CHAIN = chain_of_robot(ROBOT)
 
 
-def begun(*effects: str, times: int = 1) -> Begun:
+def begun(*effects: str, times: int = 1, robot: Robot = ROBOT) -> Begun:
     """By the cells that the constants need; more than once, by the spare ones, too."""
-    planned = [cell for cell in plan_of_robot(ROBOT).cells if times > 1 or not cell.spare]
+    planned = [cell for cell in plan_of_robot(robot).cells if times > 1 or not cell.spare]
     cells = [(cell.joint, np.array(cell.q)) for cell in planned] * times
-    parsed = [parse(text, [ROBOT.drive(name) for name in CHAIN.names]) for text in effects]
-    campaign = simulate(CHAIN, ROBOT, cells, effects=parsed, workers=1, seed=11)
+    parsed = [parse(text, [robot.drive(name) for name in CHAIN.names]) for text in effects]
+    campaign = simulate(CHAIN, robot, cells, effects=parsed, workers=1, seed=11)
     responses = tuple(estimate(record, campaign) for record in campaign.records)
     return begin(campaign, make_model(CHAIN, believe_zeros=True), responses)
 
@@ -58,5 +60,5 @@ def test_what_bends_the_arm_at_one_joint_is_left_out_with_its_records(joint: int
     ids=["nothing", "everywhere"],
 )
 def test_an_arm_that_nothing_bends_or_something_everywhere_stays_as_declared(effects: tuple[str, ...]) -> None:
-    found = begun(*effects)
+    found = begun(*effects, robot=BRIEF)
     assert unbent(found.bench, found.start) is found.bench
