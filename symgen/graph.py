@@ -223,7 +223,7 @@ def _rows(chain: Chain, turns: list[Array], q: list[ca.SX]) -> list[list[_Axis]]
     for k, joint in enumerate(chain.joints):
         before = turns[k - 1].T if k else np.eye(3)
         step, lever = _exactly(before @ joint.R @ turns[k]), [rounded(x) for x in before @ joint.p]
-        if k and abs(step[2, 2]) == 1.0:
+        if k and not step[:2, 2].any():
             turn = _exactly(turn @ step)
         else:
             rows.append([])

@@ -119,7 +119,7 @@ def test_zeros_are_believed_in_the_links_own_axes_whatever_the_joint_axis(seed: 
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "scara4", "arm6", "ypp3_general"])
-@pytest.mark.parametrize("off", [3e-3, 1e-5])
+@pytest.mark.parametrize("off", [3e-3, 1e-5, 1e-7])
 def test_an_arm_as_it_was_calibrated_loses_nothing(name: str, off: float) -> None:
     """Its axes are parallel to within `off` [rad]: parameters that tell nothing had carried constants, J(q) up to a third off."""
     chain = calibrated(arm(name) if name in REAL else own(name), off)
