@@ -67,7 +67,7 @@ def _parameters(factoring: Factoring, turns: list[Array], alpha: list[ca.SX]) ->
     W = [
         factoring.W[:, 10 * k : 10 * k + 10] @ (np.eye(10) if own[k] else to_link[k]) for k in range(factoring.chain.n)
     ]
-    columns, inverse = carriers(np.hstack(W), parameter_scale(factoring.chain))
+    columns, inverse = carriers(np.hstack(W), parameter_scale(factoring.chain), sparse=not factoring.cost)
     phi: list[Scalar] = [0.0] * factoring.free.size
     for column, row in zip(columns, inverse, strict=True):
         phi[column] = _sum(*(_product(float(row[k]), alpha[k]) for k in np.flatnonzero(row)))
@@ -77,10 +77,11 @@ def _parameters(factoring: Factoring, turns: list[Array], alpha: list[ca.SX]) ->
     return phi
 
 
-def carriers(W: Array, scale: Array) -> tuple[list[int], Array]:
+def carriers(W: Array, scale: Array, *, sparse: bool = True) -> tuple[list[int], Array]:
     """Returns D columns of W [D, 10 n] that carry alpha, and the inverse [D, D] of W restricted to them.
 
-    `scale` [10 n] makes columns comparable. The inverse is computed without BLAS and rounded: same on any processor.
+    `scale` [10 n] makes columns comparable. `sparse`: the inverse is to have few numbers rather than small ones, which where constants
+    were dropped would make more of what they cost. It is computed without BLAS and rounded: same on any processor.
     """
     D, width = W.shape
     order = np.array([10 * k + a for k in range(width // 10) for a in _CARRIERS])
@@ -90,7 +91,7 @@ def carriers(W: Array, scale: Array) -> tuple[list[int], Array]:
     columns: list[int] = []
     while len(columns) < D:
         outside = np.linalg.norm(left, axis=1)
-        enough = (*(share * size for share in _PASSES), _MOST * outside.max())
+        enough = (*(share * size for share in _PASSES if sparse), _MOST * outside.max())
         at = next(int(np.argmax(outside > least)) for least in enough if (outside > least).any())
         columns.append(int(order[at]))
         direction = left[at] / outside[at]
