@@ -4,23 +4,33 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from ident.arm.coupled import uncertainty
+from ident.arm.evidence import gravity_basis
 from ident.errors import IdentError
 from ident.identification.export import urdf
 from ident.identification.identified import of_parts
 from ident.identification.links import nearest_links
 from ident.loop.diagnose import Diagnosis
-from ident.records.campaign import Campaign
+from ident.records.campaign import Campaign, Earlier
+from ident.search.deviations import UNKNOWN, told
 
 
 def declared_by(earlier: Diagnosis, campaign: Campaign) -> tuple[Campaign, tuple[str, ...]]:
     """Returns `campaign` with the arm that `earlier` ended with as the declared one, and notes of what that leaves out.
 
-    Drives and links are those of the earlier records. Effects found there are not part of a declared arm: they are named in
-    the notes, and found again. Raises IdentError where the two campaigns are not of one robot.
+    Drives and links are those of the earlier records, as sure as these told them: what they left open contradicts nothing.
+    Effects found there are not part of a declared arm: they are named in the notes, and found again. Raises IdentError where
+    the two campaigns are not of one robot.
     """
-    if (earlier.campaign.joints, earlier.campaign.urdf) != (campaign.joints, campaign.urdf):
-        raise IdentError("the baseline is another robot: its joints or its URDF differ from those of the campaign")
+    ours, theirs = (
+        {"joints": c.joints, "URDF": c.urdf, "gears": c.N.tolist(), "gravity": c.gravity.tolist()}
+        for c in (earlier.campaign, campaign)
+    )
+    for what, own in ours.items():
+        if own != theirs[what]:
+            raise IdentError(f"the baseline is another robot: its {what} differ from the campaign's")
     problem, minimum = earlier.end.problem, earlier.end.minimum
     p = problem.parameters(minimum.vector)
     covariance, unseen, _ = uncertainty(problem, minimum)
@@ -35,4 +45,14 @@ def declared_by(earlier: Diagnosis, campaign: Campaign) -> tuple[Campaign, tuple
         notes.append(
             f"The baseline has {a.effect.name}{place} already; a declared arm can not hold it, so it is found again."
         )
-    return replace(campaign, urdf=text, K=p.K, J_m=p.J_m, D=p.D, D_spring=p.D_spring), tuple(notes)
+    declared = replace(campaign, urdf=text, K=p.K, J_m=p.J_m, D=p.D, D_spring=p.D_spring, earlier=_as_told(earlier))
+    return declared, tuple(notes)
+
+
+def _as_told(earlier: Diagnosis) -> Earlier:
+    """The numbers of the arm as the earlier records told them, and how surely."""
+    problem, minimum, factoring = earlier.end.problem, earlier.end.minimum, earlier.model.factoring
+    covariance, hidden = told(problem, minimum)
+    covariance, base = covariance + UNKNOWN * hidden @ hidden.T, problem.base
+    rows = np.vstack([factoring.W * factoring.free, gravity_basis(earlier.model, earlier.campaign.gravity)])
+    return Earlier(minimum.vector[:base], covariance[:base, :base], rows)

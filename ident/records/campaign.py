@@ -53,13 +53,24 @@ class Record:
         object.__setattr__(self, "lines", _frozen(np.sort(lines) if lines.ndim else lines, np.int64))
 
 
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """What earlier records of the same robot told of it: logarithms of its drives, the constants of its links and of gravity, as the
+    `vector` [4 n + k] of a fit, their `covariance`, and the `rows` [k, 10 n] by which the constants follow from the links."""
+
+    vector: Array
+    covariance: Array
+    rows: Array
+
+
 @dataclass(frozen=True)
 class Campaign:
     """All records of one robot, and the robot as its engineer believes it to be.
 
     `N` [n, 1] gear ratios; `J_m` [n, kg m2, motor side] and `K` [n, N m/rad, joint side] are datasheet values, NaN
     where unknown, and so are `D` [n, N m s/rad, motor side] and `D_spring` [n, N m s/rad, joint side], all NaN where
-    not given; `gravity` [3, m/s2] in the base frame; `hold` is "zoh" or "band-limited" (see the campaign format).
+    not given; `gravity` [3, m/s2] in the base frame; `hold` is "zoh" or "band-limited" (see the campaign format). `earlier`: the
+    robot is declared as earlier records had it, which no file tells.
     """
 
     urdf: str
@@ -74,6 +85,7 @@ class Campaign:
     records: tuple[Record, ...]
     D: Array = field(default_factory=lambda: np.array(np.nan))
     D_spring: Array = field(default_factory=lambda: np.array(np.nan))
+    earlier: Earlier | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("N", "J_m", "K", "gravity"):

@@ -254,6 +254,7 @@ def _read(file: h5py.File, where: str) -> Campaign:
     experiments = root.below("experiments")
     urdf, source, hold = root.strings("robot/urdf", ndim=0), root.string("source"), root.string("hold")
     _verify(root, urdf, source, hold)
+    dampings: dict[str, Any] = {name: root.array(path, (n,)) for name, path in _DAMPING.items() if path in file}
     return Campaign(
         urdf=urdf,
         joints=tuple(joints),
@@ -263,7 +264,7 @@ def _read(file: h5py.File, where: str) -> Campaign:
         J_m=root.array("drive/motor_inertia", (n,)),
         K=root.array("drive/stiffness", (n,)),
         gravity=root.array("drive/gravity", (3,)),
-        **{name: root.array(path, (n,)) for name, path in _DAMPING.items() if path in file},
+        **dampings,
         source=source,
         records=tuple(_read_record(experiments.below(id), id, n) for id in sorted(experiments.group)),
     )

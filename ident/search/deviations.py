@@ -13,14 +13,15 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from ident.arm.arm_fit import Problem, spectrum
 from ident.arm.arm_model import DRIVES
 from ident.arm.descent import Minimum
 from ident.effects.catalogue import CATALOGUE
-from ident.records.campaign import Array, Campaign
-from ident.search.bodies import CHANCE, Change, Part, any_body
+from ident.records.campaign import Array, Campaign, Earlier
+from ident.search.bodies import CHANCE, ROUNDING, Change, Part, any_body
 from symgen.chain import Chain
 from symgen.plan import Model
 
@@ -79,13 +80,31 @@ def deviations(
     campaign: Campaign, model: Model, basis: Array, problem: Problem, found: Minimum
 ) -> tuple[Deviation, ...]:
     """What came out otherwise than declared, surest first."""
-    values, vectors, seen = spectrum(found.information)
-    covariance = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T * np.outer(problem.scale, problem.scale)
-    hidden = vectors[:, ~seen] * problem.scale[:, None]
+    covariance, hidden = told(problem, found)
+    was = np.concatenate([model.alpha_cad, basis @ model.chain.parameters])
+    if campaign.earlier is not None:
+        before, doubt = _as_told(campaign.earlier, np.vstack([model.factoring.W, basis]), 4 * problem.n)
+        was, covariance = before, covariance + block_diag(doubt, np.zeros((len(covariance) - len(doubt),) * 2))
     granted = BESIDE if problem.effects else ALONE
     result = _drives(campaign, model.chain, problem, found, covariance, hidden, granted)
-    links = _links(model, basis, problem, found, covariance, hidden, granted)
+    links = _links(model, basis, problem, was, found, covariance, hidden, granted)
     return tuple(sorted(result + links, key=lambda d: -d.sigmas))
+
+
+def told(problem: Problem, found: Minimum) -> tuple[Array, Array]:
+    """Returns the covariance [P, P] of the fitted parameters in the directions that the records show, and the others [P, h]."""
+    values, vectors, seen = spectrum(found.information)
+    covariance = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T * np.outer(problem.scale, problem.scale)
+    return covariance, vectors[:, ~seen] * problem.scale[:, None]
+
+
+def _as_told(earlier: Earlier, rows: Array, drives: int) -> tuple[Array, Array]:
+    """The constants [k] that follow by `rows` [k, 10 n] from the links as earlier records told their own, perhaps fewer; and the covariance
+    of the logarithms of the `drives` and these."""
+    same = rows.shape == earlier.rows.shape and np.allclose(rows, earlier.rows)
+    to_these = np.eye(len(rows)) if same else rows @ np.linalg.pinv(earlier.rows, rcond=ROUNDING)
+    whole = block_diag(np.eye(drives), to_these)
+    return to_these @ earlier.vector[drives:], whole @ earlier.covariance @ whole.T
 
 
 def _drives(
@@ -119,13 +138,18 @@ def _drives(
 
 
 def _links(
-    model: Model, basis: Array, problem: Problem, found: Minimum, covariance: Array, hidden: Array, granted: Granted
+    model: Model,
+    basis: Array,
+    problem: Problem,
+    was: Array,
+    found: Minimum,
+    covariance: Array,
+    hidden: Array,
+    granted: Granted,
 ) -> list[Deviation]:
-    """The bodies, payload or gravity that make alpha and the gravity constants what they are."""
+    """The bodies, payload or gravity that make alpha and the gravity constants what they are, and not what they `was`."""
     where = np.arange(4 * problem.n, problem.base)
     D = problem.D
-    phi = model.chain.parameters
-    was = np.concatenate([model.alpha_cad, basis @ phi])
     off = found.vector[where] - was
     C = covariance[np.ix_(where, where)]
     C = C + np.diag((granted.constants * np.maximum(np.abs(was), np.abs(was).max() * LEAST_CONSTANT)) ** 2)
