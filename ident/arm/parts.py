@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from ident.arm.evidence import Evidence
+from ident.errors import IdentError
 from symgen.plan import Model
 
 #: Variance of J(q) at a record that does not fit, in units of one record's own: more, and it has to fit.
@@ -37,7 +38,7 @@ def split(data: tuple[Evidence, ...], model: Model) -> Split:
 
     Everything about J(q) and gravity that all records show must be shown by those that fit, and every joint excited by one
     that chooses. Where there are too few records for that, lines take their place: blocks of neighbouring ones by turns, of the second of two
-    records of a joint, else of each.
+    records of a joint, else of each. Raises IdentError for too few of these.
     """
     kinds = {k: "fit" for k in range(len(data))}
     turn = 0
@@ -56,8 +57,20 @@ def split(data: tuple[Evidence, ...], model: Model) -> Split:
     if len(data) == 2 and kinds[1] != "fit":
         block = np.cumsum(data[1].is_excited) // BLOCK % 2
         note = "two records: choosing and reporting lines are blocks of the second by turns"
-        return Split(data[:1], (lines_of(data[1], block == 0),), (lines_of(data[1], block == 1),), note)
+        return _excited(Split(data[:1], (lines_of(data[1], block == 0),), (lines_of(data[1], block == 1),), note))
     return split_lines(data, "too few records")
+
+
+def _excited(parted: Split) -> Split:
+    """The same. IdentError where a part has no excited line."""
+    for part in (parted.fit, parted.select, parted.report):
+        if not any((one.is_excited & one.use).any() for one in part):
+            lines = sum(int(one.is_excited.sum()) for one in united(*parted.fit, *parted.select, *parted.report))
+            raise IdentError(
+                f"the records have {lines} excited lines, too few to fit by some, choose by others and report the rest; expected "
+                f"{4 * BLOCK} or more, or more records"
+            )
+    return parted
 
 
 def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> dict[int, str]:
@@ -93,13 +106,13 @@ def _enough(data: tuple[Evidence, ...], model: Model, kinds: dict[int, str]) -> 
 
 def split_lines(data: tuple[Evidence, ...], why: str) -> Split:
     """Of every record two blocks of lines in four fit, one chooses, one reports: others of the next record, so that a narrow mode
-    beside one line is fitted somewhere."""
+    beside one line is fitted somewhere. IdentError for too few."""
     note = f"{why}: fitting, choosing and reporting lines are blocks of each record by turns"
     fit, select, report = (
         tuple(lines_of(one, np.isin((np.cumsum(one.is_excited) // BLOCK + one.index) % 4, turns)) for one in data)
         for turns in ((0, 2), (1,), (3,))
     )
-    return Split(fit, select, report, note)
+    return _excited(Split(fit, select, report, note))
 
 
 def lines_of(one: Evidence, use: NDArray[np.bool_]) -> Evidence:

@@ -95,7 +95,7 @@ def _nothing(line: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was found. `start` is the arm without effects, `end` with them; `off` declared numbers that it contradicts, surest first; `status` as in the verdict format."""
+    """What was found. `start` is the arm without effects, `end` with them; `off` declared numbers that it contradicts, dearest first; `status` as in the verdict format."""
 
     campaign: Campaign
     model: Model

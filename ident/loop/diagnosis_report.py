@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
@@ -224,8 +225,8 @@ def todo(verdict: dict[str, Any]) -> list[str]:
     for effect in verdict["effects"]:
         for other in effect["confounded_with"]:
             plans = plans or other["recipe"] not in UNPLAYED
-            pair = f"{named(effect)} {{}} {named(other)}: {other['separate_by']}."
-            lines.append(pair.format("or") if other["recipe"] in UNPLAYED else "To tell " + pair.format("from"))
+            begin, join = ("", "or") if other["recipe"] in UNPLAYED else ("To tell ", "from")
+            lines.append(f"{begin}{named(effect)} {join} {named(other)}: {other['separate_by']}.")
     if verdict["unexplained"]:
         lines.append(f"Look at {place(verdict['unexplained'][0])}: ident next plans records that show it best.")
     if verdict["effects"]:
@@ -236,7 +237,7 @@ def todo(verdict: dict[str, Any]) -> list[str]:
             f"Use the corrected arm in this directory (robot.toml, identified.urdf, J.casadi) in place of the declared one{careful}."
         )
     if plans:
-        out = verdict["made_with"].get("out", ".")
+        out = shlex.quote(verdict["made_with"].get("out", "."))
         lines.append(f"ident next {out} writes that experiment, ready to run.")
     return lines or ["Nothing: use the identified arm in this directory."]
 
@@ -321,7 +322,7 @@ def _cell(share: float | None) -> str:
 
 
 def _telling(rows: tuple[HeldOut, ...], verdict: dict[str, Any], joints: tuple[str, ...]) -> HeldOut | None:
-    """The record to show: of the joint of the first effect, where it has one that reports, the one that gained most."""
+    """The record to show: of the joint of the first effect, where it has one that reports, the one that missed most."""
     wanted = [effect["joint"] for effect in verdict["effects"]] + [row["joint"] for row in verdict["unexplained"]]
     own = [row for row in rows if wanted and joints[row.joint] == wanted[0]] or list(rows)
     return max(own, key=lambda row: float(np.sum(np.abs(row.before / row.noise) ** 2)), default=None)

@@ -69,6 +69,8 @@ def meaning(effect: dict[str, Any]) -> str:
         many = effect["joint"] is None
         links = "Several links are not as in the URDF, or carry a load" if many else "This link is not as in the URDF"
         return f"{links}: J(q) changes by this share of sqrt(J_ii J_jj), rms of the entry that changes most."
+    if "centre_x" in effect["parameters"]:
+        return "A mass at the last link, wherever its centre was found: x, y, z in the link frame."
     found = CATALOGUE.get(effect["name"])
     return (inspect.getdoc(found) or "").split("\n\n")[0].replace("`", "") if found else ""
 
@@ -207,7 +209,10 @@ def abscissa(curve: dict[str, Any], port: str) -> str:
 
 def ordinate(curve: dict[str, Any], port: str) -> str:
     """The label of its heights."""
-    what = {"direction": "dry friction", "velocity": "damping", "drive": "share of the torque", "position": "stiffness"}
+    what = {
+        "direction": "dry friction", "velocity": "damping", "drive": "share of the torque", "position": "stiffness",
+        "load": "share of the load",
+    }  # fmt: skip
     plain = "error of the angle" if port == "sensor" else "torque" if curve["unit"] != "N" else "force"
     unit = WRITTEN.get(curve["unit"], curve["unit"]) or "1"
     return f"{what.get(KINDS[curve['variable']].times, plain)} [{unit}]"

@@ -133,9 +133,14 @@ def _diagnosed(
         found = by_general()
         if alone or found.left < BETTER * simple.left:
             return found, notes
+    tried = (
+        "were not tried for want of time"
+        if not explained and not at_once and general.bench.late
+        else "explain the records no better"
+    )
     note = (
-        f"The {believed} inertial parameters that are exactly zero in the URDF are believed to be zero: more constants explain the "
-        "records no better (--no-believe-zeros takes them for unknown"
+        f"The {believed} inertial parameters that are exactly zero in the URDF are believed to be zero: more constants {tried} "
+        "(--no-believe-zeros takes them for unknown"
     )
     return simple, (note + ("; then the records are explained without an effect, too)." if alone else ")."),)
 

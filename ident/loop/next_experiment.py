@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -110,7 +111,7 @@ def plan_next(result: str | Path, seed: int = 1) -> Next:
     played = export_excitation(robot, chain, cells, place, seed=seed)
     files = (place / "robot.toml", place / "plan.json", *played)
     text = _paragraph(wish, cells, robot, campaign)
-    then = _then(place, seed, verdict["input"], out)
+    then = _then(place, seed, verdict, out)
     return Next("\n".join((text, then, *apart)), wish, cells, robot.experiment.swing, files)
 
 
@@ -227,7 +228,7 @@ def _cells(wish: Wish, campaign: Campaign, model: Model, robot: Robot) -> list[t
     mine = [wish.joint] if wish.joint in excited else excited
     own = {joint: _different([r.posture for r in records if r.excited == joint]) for joint in mine}
     if wish.recipe == "repeat":
-        return [(record.excited, record.posture) for record in reversed(records)][:MOST]
+        return [(record.excited, record.posture) for record in reversed(records[:MOST])]
     if wish.recipe == "postures":
         share = max(1, min(NEW, MOST // len(mine)))
         return [(joint, q) for joint in mine for q in _far(joint, campaign, model, robot, share)]
@@ -314,12 +315,20 @@ def _paragraph(wish: Wish, cells: Sequence[Cell], robot: Robot, campaign: Campai
     )
 
 
-def _then(place: Path, seed: int, given: dict[str, Any], out: Path) -> str:
-    """The commands that play it and diagnose its records with those of the files `given`."""
+def _then(place: Path, seed: int, verdict: dict[str, Any], out: Path) -> str:
+    """The commands that play it and diagnose its records with those that the `verdict` is on, in the same way."""
+    given, made = verdict["input"], verdict["made_with"]
     files = [str(one["file"]) for one in (given, *given.get("more_files", ()))]
     new = "next.h5" if len(files) == 1 else f"next-{len(files)}.h5"
+    diagnose = ["ident", "diagnose", *files, new, "-o", str(out)]
+    if made.get("baseline"):
+        diagnose += ["--baseline", made["baseline"]["file"]]
+    if made.get("believe_zeros") is not None:
+        diagnose += ["--believe-zeros" if made["believe_zeros"] else "--no-believe-zeros"]
+    if made.get("minutes") is not None:
+        diagnose += ["--minutes", f"{made['minutes']:g}"]
+    simulate = ["ident", "simulate", str(place), "--plan", str(place / "plan.json"), "--seed", str(seed), "-o", new]
     return (
-        f"On the robot: play {place / 'excitation'}, then ident import --map {place / 'map.toml'}. Simulated: "
-        f"ident simulate {place} --plan {place / 'plan.json'} --seed {seed} -o {new}. Then: "
-        f"ident diagnose {' '.join(files)} {new} -o {out}."
+        f"On the robot: play {place / 'excitation'}, then {shlex.join(['ident', 'import', '--map', str(place / 'map.toml')])}. "
+        f"Simulated: {shlex.join(simulate)}. Then: {shlex.join(diagnose)}."
     )

@@ -37,7 +37,9 @@ def from_declared(bench: Bench, state: State, found: Effect | None) -> list[Trie
         likely = list(forked(lambda c: nearer(declared, c), names[: 2 * SURELY], bench.workers))
         again = sorted(likely, key=lambda c: -c.gain)[:SURELY]
         again += [larger(c, LARGER) for c in again if winds_up(c.effect) and c.gain > LIKELY * again[0].gain]
-        again = [c for c in again if all(c is not one.candidate for one in tried)]
+        again = [
+            c for c in again if c.effect not in [one.candidate.effect for one in tried]
+        ]  # copies, from another process
     tried += refitted(bench, state, [(c, declared) for c in again])
     best = min(tried, key=left_by, default=None)
     left = max(CLOSE**2 * degrees(bench.split.select), NEARLY * state.select)

@@ -17,7 +17,7 @@ from ident.arm.evidence import Evidence
 from ident.arm.following import follow
 from ident.arm.parts import Split, degrees, few_lines, few_records, sampled
 from ident.arm.sliding import TURNS
-from ident.effects.base import Effect, PortLaw, winds_up
+from ident.effects.base import Effect, Law, PortLaw, winds_up
 from ident.effects.carried import of_declared_links
 from ident.effects.learned import LINEAR, Learned, as_damping
 from ident.records.campaign import Array, Campaign
@@ -144,11 +144,16 @@ class Refit:
 
 
 def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
-    """Whether a learned curve has the slope of a linear law of its port in it, too: together they could be anything."""
+    """Whether a learned curve has the slope of a linear law of its port in it, too, a stiffness or a damping, or of one with a memory, which is
+    either: together they could be anything."""
     if not (isinstance(effect, PortLaw) and effect.linear):
         return False
     curves = [e for e in effects if isinstance(e, Learned) and e.variable in LINEAR]
-    return any((curve.port, curve.joint) == (effect.port, effect.joint) for curve in curves)
+    slopes = (True, False) if not isinstance(effect, Law) else (effect.drags,)
+    return any(
+        (curve.port, curve.joint) == (effect.port, effect.joint) and (curve.variable != "position") in slopes
+        for curve in curves
+    )
 
 
 def _drawn_besides(effect: Effect, n: int) -> int | None:

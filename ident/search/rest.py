@@ -104,7 +104,7 @@ def is_unseen(bench: Bench, state: State) -> bool:
     """Whether the records that only report leave far more than those that fit and choose: something acts in them alone."""
     data = told_of(bench.split, state, bench.split.report)
     problem = replace(state.problem, data=data)
-    left = chi_squared(problem, state.minimum.vector, held_as(state, data)) / degrees(data)
+    left = chi_squared(problem, state.minimum.vector, held_as(state, data)) / max(degrees(data), 1)
     return left > UNSEEN * max(reduced_chi2(bench, state), _fitting(bench, state), 1.0)
 
 

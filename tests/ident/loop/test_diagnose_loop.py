@@ -25,6 +25,7 @@ from ident.effects.hysteresis import MotorHysteresis
 from ident.effects.learned import learned
 from ident.effects.ringing import Ringing
 from ident.effects.spring import Backlash
+from ident.errors import IdentError
 from ident.loop.diagnose import Begun, Diagnosis, _better, _loop, _resumed, begin, diagnose
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import estimate
@@ -98,6 +99,9 @@ def test_nothing_is_found_where_nothing_is(model: Model) -> None:
     lone = split(found.split.fit[:1], model)
     lines = [part[0].use for part in (lone.fit, lone.select, lone.report)]
     assert lone.note and np.all(np.sum(lines, axis=0) == 1)  # nor a line
+    short = replace(found.split.fit[0], judged=np.cumsum(found.split.fit[0].is_excited) <= 8)
+    with pytest.raises(IdentError, match="too few to fit by some"):
+        split((short,), model)
     by_lines = split_lines(found.split.fit, "few")
     told = united(*by_lines.fit, *by_lines.select)
     assert len(told) == len(by_lines.fit)

@@ -20,7 +20,7 @@ from ident.effects.ringing import Ringing
 from ident.loop.diagnose import status_of
 from ident.loop.diagnosis_json import verdict_document
 from ident.loop.diagnosis_report import html, not_held_out, sentence, text, todo
-from ident.loop.effect_words import meaning
+from ident.loop.effect_words import meaning, ordinate
 from ident.loop.either_model import ENDED
 from ident.loop.held_out import felt
 from ident.search.contradicted import Off
@@ -389,3 +389,19 @@ def test_what_can_not_be_played_is_no_plan(file):
     assert todo(v)[0] == "motor-coulomb at joint2 or motor-stribeck at joint2: motor records never tell them apart."
     assert "ident next" not in " ".join(todo(v))
     assert "Not by more of them:" in words(diagnosis(), v)
+
+
+def test_a_note_keeps_the_names_of_records(file):
+    d = diagnosis()
+    d = replace(d, split=replace(d.split, note="few records: Extra/0007 of J(q) fits"))
+    assert "Few records: Extra/0007 of J(q) fits." in words(d, verdict_document(d, [file]))
+
+
+def test_a_load_that_is_not_on_the_ray_is_not_said_to_be():
+    load = {"name": "payload", "parameters": {key: {} for key in ("mass", "centre_x", "centre_y", "centre_z")}}
+    assert "ray" not in meaning(load) and "mass at the last link" in meaning(load)
+    assert "ray" in meaning(load | {"parameters": {"mass": {}, "along": {}}})
+
+
+def test_what_is_a_share_of_the_load_is_labelled_so():
+    assert ordinate({"variable": "passing", "unit": ""}, "motor") == "share of the load [1]"

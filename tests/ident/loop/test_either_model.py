@@ -17,7 +17,7 @@ from ident.effects.motor import InputDelay
 from ident.loop.diagnose import begin
 from ident.loop.either_model import MAYBE, diagnose_either
 from ident.records.campaign import Campaign
-from ident.search.refits import reduced_chi2
+from ident.search.refits import NAMED, reduced_chi2
 from ident.simulator.bench import simulate
 from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
@@ -352,4 +352,5 @@ def test_a_search_that_was_ended_says_so(status: str, left: float, says: int, mo
     monkeypatch.setattr(ident.loop.either_model, "begin", begun)
     _, notes = diagnose_either(campaign(0.0, 1), seconds=0.0)
     assert sum("ended after 0 s" in note for note in notes) == says and len(set(ends)) == 1
+    assert any("more constants were not tried for want of time" in note for note in notes) == (left > NAMED)
     assert not any("ended" in note for note in diagnose_either(campaign(0.0, 1), True)[1])

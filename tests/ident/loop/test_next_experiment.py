@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from diagnosed import campaign, diagnosis
 
+import ident.loop.next_experiment
 from ident.arm.coupled import uncertainty
 from ident.errors import IdentError
 from ident.identification.export import write_files
@@ -36,13 +38,14 @@ def verdict(tmp_path_factory):
     return out, verdict_document(d, [file])
 
 
-def planned(verdict, recipe, seed=1, **change):
+def planned(verdict, recipe, seed=1, made_with=None, **change):
     """The next experiment, had the first confounded pair needed this recipe."""
     out, document = verdict
     document = json.loads(json.dumps(document))
     effect = document["effects"][0]
     effect["confounded_with"][0]["recipe"] = recipe
     effect |= change
+    document["made_with"] = made_with or {}
     write(document, out / FILE)
     return plan_next(out, seed)
 
@@ -205,3 +208,21 @@ def test_what_is_missing_is_said_in_one_line(verdict, tmp_path):
     write(document, tmp_path / FILE)
     with pytest.raises(IdentError, match="has changed since the result was made of it"):
         plan_next(tmp_path)
+
+
+def test_the_first_records_are_repeated_and_not_the_last(verdict, monkeypatch):
+    monkeypatch.setattr(ident.loop.next_experiment, "MOST", 2)
+    found = planned(verdict, "repeat")
+    first = campaign().records[:2]
+    assert [cell.joint for cell in found.cells] == [record.excited for record in first[::-1]]
+    assert all(np.allclose(cell.q, record.posture) for cell, record in zip(found.cells, first[::-1], strict=True))
+
+
+def test_the_advised_command_is_the_same_diagnosis_and_can_be_pasted(verdict):
+    made = {"believe_zeros": False, "minutes": 2.0, "baseline": {"file": "be fore.h5"}}
+    text = planned(verdict, "amplitude", made_with=made).text
+    words = shlex.split(text.split("Then: ")[1].rstrip("."))
+    file, out = verdict[1]["input"]["file"], verdict[0]
+    assert words == [
+        "ident", "diagnose", file, "next.h5", "-o", str(out), "--baseline", "be fore.h5", "--no-believe-zeros", "--minutes", "2",
+    ]  # fmt: skip

@@ -27,6 +27,7 @@ from ident.search.refits import (
     Refit,
     _as_declared,
     _by_all_lines,
+    _drawn_again,
     fitted,
     reduced_chi2,
     standing,
@@ -118,3 +119,20 @@ def test_a_curve_begins_with_what_its_damping_was_more_than_declared() -> None:
     more = 3.0 * np.exp(guess[place])
     np.testing.assert_allclose(begun, np.concatenate([guess, SCALED.values, [0.5 + more, -0.25 + more]]))
     np.testing.assert_allclose(_as_declared(bench(), replace(refit, vector=begun)), begun)
+
+
+@pytest.mark.parametrize(
+    ("law", "values", "variable", "held"),
+    [
+        ("cable-stiffness", (5.0, 0.0), "position", True),
+        ("cable-stiffness", (5.0, 0.0), "velocity", False),
+        ("link-viscous", (0.1,), "velocity", True),
+        ("link-viscous", (0.1,), "position", False),
+    ],
+)
+def test_a_linear_law_stays_where_a_curve_has_its_slope_and_no_other(
+    law: str, values: Any, variable: str, held: bool
+) -> None:
+    effect, curve = CATALOGUE[law](1, values), learned("link", variable, [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.1))
+    assert _drawn_again(effect, (effect, curve)) == held
+    assert not _drawn_again(effect, (effect, replace(curve, joint=0)))
