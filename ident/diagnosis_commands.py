@@ -196,13 +196,12 @@ def _log_report_again(verdict: Mapping[str, Any], say: Callable[[str], None]) ->
 
 
 def _write_robot(d: Diagnosis, out: Path) -> None:
-    from ident.arm.coupled import uncertainty
     from ident.identification.export import write_files
     from ident.identification.identified import of_parts
+    from ident.search.spread import spread
 
-    problem, minimum = d.end.problem, d.end.minimum
-    p = problem.parameters(minimum.vector)
-    covariance, unseen, _ = uncertainty(problem, minimum)
+    p = d.end.problem.parameters(d.end.minimum.vector)
+    covariance, unseen, _ = spread(d.split, d.end)
     effects = ", ".join(a.effect.name for a in d.added) or "nothing"
     source = f"{d.campaign.source}; diagnosed, {effects} added"
     numbers = (p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring)

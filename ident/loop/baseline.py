@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.arm.coupled import uncertainty
 from ident.arm.evidence import gravity_basis
 from ident.errors import IdentError
 from ident.identification.export import urdf
@@ -15,6 +14,7 @@ from ident.identification.links import nearest_links
 from ident.loop.diagnose import Diagnosis
 from ident.records.campaign import Campaign, Earlier
 from ident.search.deviations import UNKNOWN, told
+from ident.search.spread import scatter, spread
 
 
 def declared_by(earlier: Diagnosis, campaign: Campaign) -> tuple[Campaign, tuple[str, ...]]:
@@ -31,9 +31,8 @@ def declared_by(earlier: Diagnosis, campaign: Campaign) -> tuple[Campaign, tuple
     for what, own in ours.items():
         if own != theirs[what]:
             raise IdentError(f"the baseline is another robot: its {what} differ from the campaign's")
-    problem, minimum = earlier.end.problem, earlier.end.minimum
-    p = problem.parameters(minimum.vector)
-    covariance, unseen, _ = uncertainty(problem, minimum)
+    p = earlier.end.problem.parameters(earlier.end.minimum.vector)
+    covariance, unseen, _ = spread(earlier.split, earlier.end)
     arm = of_parts(
         earlier.campaign, earlier.model, p.alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring,
         source=earlier.campaign.source,
@@ -53,6 +52,6 @@ def _as_told(earlier: Diagnosis) -> Earlier:
     """The numbers of the arm as the earlier records told them, and how surely."""
     problem, minimum, factoring = earlier.end.problem, earlier.end.minimum, earlier.model.factoring
     covariance, hidden = told(problem, minimum)
-    covariance, base = covariance + UNKNOWN * hidden @ hidden.T, problem.base
+    covariance, base = scatter(earlier.split, earlier.end) ** 2 * covariance + UNKNOWN * hidden @ hidden.T, problem.base
     rows = np.vstack([factoring.W * factoring.free, gravity_basis(earlier.model, earlier.campaign.gravity)])
     return Earlier(minimum.vector[:base], covariance[:base, :base], rows)

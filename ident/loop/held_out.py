@@ -101,6 +101,7 @@ def without(state: State, effect: Effect) -> tuple[Problem, Array]:
     fewer = replace(
         problem, effects=tuple(e for e in state.effects if not same(e, effect)), scale=problem.scale[keep],
         low=problem.low[keep], high=problem.high[keep], free=problem.free[keep],
+        expected=problem.expected and (problem.expected[0][keep], problem.expected[1][keep]),
     )  # fmt: skip
     return fewer, vector[keep]
 

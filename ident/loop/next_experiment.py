@@ -225,8 +225,8 @@ def _cells(wish: Wish, campaign: Campaign, model: Model, robot: Robot) -> list[t
     """(joint, posture) of every record wanted, at most `MOST`."""
     records, joints = campaign.records, campaign.joints
     excited = list(dict.fromkeys(record.excited for record in records))
-    mine = [wish.joint] if wish.joint in excited else excited
-    own = {joint: _different([r.posture for r in records if r.excited == joint]) for joint in mine}
+    mine = excited if wish.joint is None else [wish.joint]
+    own = {j: _different([r.posture for r in records if r.excited == j] or [r.posture for r in records]) for j in mine}
     if wish.recipe == "repeat":
         return [(record.excited, record.posture) for record in reversed(records[:MOST])]
     if wish.recipe == "postures":
@@ -280,7 +280,7 @@ def _far(joint: str, campaign: Campaign, model: Model, robot: Robot, count: int)
     for feature in features[: len(measured)]:
         nearest = np.minimum(nearest, np.linalg.norm(features - feature, axis=1))
     chosen = []
-    for _ in range(count):
+    for _ in range(min(count, len(q))):
         k = len(measured) + int(np.argmax(nearest[len(measured) :]))
         chosen.append(everything[k])
         nearest = np.minimum(nearest, np.linalg.norm(features - features[k], axis=1))

@@ -19,7 +19,7 @@ from ident.search.refits import NAMED, State, same
 def spread(split: Split, state: State) -> tuple[Array, Array, Array]:
     """Covariance of alpha, directions of it that no record shows, standard deviations of all parameters, see `uncertainty`."""
     covariance, unseen, std = _by_noise(state)
-    times = _scatter(split, state)
+    times = scatter(split, state)
     return times**2 * covariance, unseen, times * std
 
 
@@ -28,7 +28,7 @@ def _by_noise(state: State) -> tuple[Array, Array, Array]:
     return uncertainty(state.problem, state.minimum)
 
 
-def _scatter(split: Split, state: State) -> float:
+def scatter(split: Split, state: State) -> float:
     """What standard deviations grow by where a model leaves more than noise, the root of chi^2 per degree of freedom; 1 where it does not
     (R. T. Birge, DOI 10.1103/PhysRev.40.207)."""
     dof = degrees(max(state.problem.data, split.fit, key=degrees))  # chi^2 is as all of their lines would have it
@@ -38,7 +38,7 @@ def _scatter(split: Split, state: State) -> float:
 
 def as_found(split: Split, state: State, added: Sequence[Added], off: Sequence[Off]) -> tuple[Added, ...]:
     """The entries of the effects that a model has, in the order in which they were added, as they are in it."""
-    times = _scatter(split, state)
+    times = scatter(split, state)
     return tuple(
         replace(a, effect=e, std=tuple(times * std for std in standard_deviations(state, e, off)))
         for a in added

@@ -331,7 +331,7 @@ def test_entries_are_in_the_order_in_which_they_were_added_and_errors_of_the_sam
     }
     _instead(monkeypatch, stand_ins)
     monkeypatch.setattr("ident.search.spread.standard_deviations", lambda *of: ())
-    monkeypatch.setattr("ident.search.spread._scatter", lambda split, state: 1.0)
+    monkeypatch.setattr("ident.search.spread.scatter", lambda split, state: 1.0)
     bench: Any = SimpleNamespace(split=parts, campaign=None, model=None, say=lambda line: None)
     told = Begun((), (), bench, start).diagnosed()  # type: ignore[arg-type]
     assert [(one.effect, one.after) for one in told.added] == [(renamed_first, 0.2), (second, 1.0)]

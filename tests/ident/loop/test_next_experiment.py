@@ -226,3 +226,10 @@ def test_the_advised_command_is_the_same_diagnosis_and_can_be_pasted(verdict):
     assert words == [
         "ident", "diagnose", file, "next.h5", "-o", str(out), "--baseline", "be fore.h5", "--no-believe-zeros", "--minutes", "2",
     ]  # fmt: skip
+
+
+def test_a_joint_that_no_record_excites_is_excited_where_others_were():
+    own = tuple(r for r in campaign().records if r.excited == "joint2")
+    cells = _cells(Wish("amplitude", "joint3", ""), replace(campaign(), records=own), None, None)
+    assert [joint for joint, _ in cells] == ["joint3", "joint3"]
+    assert all(np.array_equal(q, record.posture) for (_, q), record in zip(cells, own, strict=False))
