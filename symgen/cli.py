@@ -100,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit status.
 
     0 done, 1 done but a problem was found (files differ, postures do not suffice, no plan of that kind), 2 misuse or bad
-    input (one line on standard error).
+    input (one line on standard error), 130 interrupted.
     """
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
@@ -126,6 +126,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "
         return _failed(f"{where}{error.strerror or error}", 2)
+    except KeyboardInterrupt:
+        return _failed("interrupted", 130)
 
 
 def _failed(message: str, status: int) -> int:
