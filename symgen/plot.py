@@ -38,6 +38,9 @@ _CHARTS, _STRIP, _SQUARE, _LEAST_COVERAGE, _COLUMNS = 2.2, 0.32, 1.5, 1.8, 8
 #: An arm all of whose points coincide is drawn as if it were this large [m].
 _POINT = 1e-3
 
+#: An amplification beyond this is no number.
+_ENDLESS = 1e300
+
 #: Where the arm is looked at from: azimuth and elevation.
 _VIEW = np.deg2rad([-55.0, 22.0])
 
@@ -77,9 +80,11 @@ def plot_of(directory: Path, urdf: Path) -> str:
     if not (
         isinstance(amplification, list)
         and len(amplification) == model.chain.n
-        and all(a is None or isinstance(a, int | float) for a in amplification)
+        and all(a is None or (isinstance(a, int | float) and 0 <= a < _ENDLESS) for a in amplification)
     ):
         raise PlanError(f"{path}: amplification_per_joint: expected {model.chain.n} numbers; run symgen again")
+    if not cells:
+        raise PlanError(f"{path}: cells: none to draw; run symgen again")
     return draw(model, cells, amplification)
 
 

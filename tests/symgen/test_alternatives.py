@@ -268,6 +268,7 @@ def test_postures_are_read_from_csv_json_and_plans(tmp_path: Path) -> None:
         ("joint3,0,0,0\nwrist,0,0,0\n", "line 2: joint 'wrist' at 3 values"),
         ("joint3,0,zero,0\n", "line 1: '0,zero,0' are not all numbers"),
         ("joint3,0,nan,0\n", "at 3 finite numbers"),
+        ("joint3,0,1e300,0\n", "line 1: joint 'joint3' at 3 values; .* at 3 finite numbers up to 1e.06"),
         ("joint3;0;0;0\n", "line 1: joint 'joint3;0;0;0' at 0 values"),
         ("[", "not a file of postures: JSONDecodeError"),
         ("{}", "not a file of postures: KeyError 'plan'"),

@@ -195,9 +195,13 @@ def test_a_plan_without_its_amplification_is_refused(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     document = json.loads((folder / "plan.json").read_text())
-    for wrong in ([1.0], "high", [1.0, "x", 1.0]):
+    for wrong in ([1.0], "high", [1.0, "x", 1.0], [1.0, float("inf"), 1.0], [1.0, 1.0, float("nan")]):
         document["plan"]["amplification_per_joint"] = wrong
         (tmp_path / "plan.json").write_text(json.dumps(document))
         assert main(["plan", str(tmp_path), str(YPP3), "--plot", "-o", str(tmp_path / "p.svg")]) == 2
         assert "amplification_per_joint: expected 3 numbers" in capsys.readouterr().err
         assert not (tmp_path / "p.svg").exists()
+    document["plan"] |= {"amplification_per_joint": [1.0, 1.0, 1.0], "cells": []}
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    assert main(["plan", str(tmp_path), str(YPP3), "--plot", "-o", str(tmp_path / "p.svg")]) == 2
+    assert "plan.json: cells: none to draw" in capsys.readouterr().err
