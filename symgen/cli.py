@@ -36,7 +36,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--check",
         metavar="DIR",
-        help="compare the files there with what would be written for URDF (default: DIR/../../robots/NAME/NAME.urdf)",
+        help="compare the files there, drawings aside, with what would be written for URDF (default: "
+        "DIR/../../robots/NAME/NAME.urdf)",
     )
     parser.add_argument("--base", metavar="LINK", type=_stated, help="first link of the arm (default: the root)")
     parser.add_argument(

@@ -17,7 +17,7 @@ from chains import REPOSITORY, general_chain, own, postures
 from symgen.chain import Chain, Inertia
 from symgen.cli import main
 from symgen.plan import Cell, make_model, make_plan
-from symgen.plot import draw, stick
+from symgen.plot import draw, is_drawing, stick
 
 SVG = "{http://www.w3.org/2000/svg}"
 YPP3 = REPOSITORY / "robots/ypp3/ypp3.urdf"
@@ -164,6 +164,7 @@ def test_the_command_writes_one_file(
     assert capsys.readouterr().out.splitlines() == ["arm_plan.svg", "mine.svg"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["arm_plan.svg", "mine.svg"]
     assert Path("arm_plan.svg").read_bytes() == Path("mine.svg").read_bytes()
+    assert is_drawing(Path("mine.svg").read_bytes()) and not is_drawing(YPP3.read_bytes())
     assert len([name for name in ids(Path("mine.svg").read_text()) if name.startswith("cell-")]) == 8
 
 
