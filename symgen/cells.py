@@ -20,7 +20,7 @@ _FORMS = energy_row(np.eye(6)[:, None], np.eye(6)[None]).reshape(36, 10)
 _ONE, _OTHER = np.triu_indices(6)
 _HALF_FORMS = np.where(_ONE == _OTHER, 1, 2)[:, None] * _FORMS[6 * _ONE + _OTHER]
 
-#: No J_ii counts as measured better than this part of its largest over some postures: point masses on an axis have none.
+#: No J_ii counts as measured better than to this part of its largest over some postures: points on an axis have none.
 _LEAST, _SOME = 1e-6, 32
 
 
@@ -114,7 +114,7 @@ class Rows:
     """The scaled rows f_i(q) = C_i(q) / sigma_i(q) of a factoring, for the URDF's own constants and the drives' rotors.
 
     sigma_i(q) = J_ii(q) + rotor_i: to this the standard deviation of a measured J_ii is proportional, from (5) with a
-    fixed relative error of the frequencies. `rotor` [n, kg m2 or kg, joint side] is N^2 J_m. Where J_ii vanishes sigma does not.
+    fixed relative error of the frequencies; it does not vanish with J_ii. `rotor` [n, kg m2 or kg, joint side] is N^2 J_m.
     """
 
     def __init__(self, factoring: Factoring, rotor: Array):

@@ -37,8 +37,8 @@ class Check:
 def check(directory: Path, urdf: Path | None = None, request: Request | None = None) -> Check:
     """Returns how a directory differs from what symgen writes for `request` (default: the options in its plan.json).
 
-    `urdf` defaults to `request.urdf_of`. A plan of the user's own postures is regenerated from the cells in plan.json; a drawing
-    of a plan (`symgen plan`) may stand beside it.
+    `urdf` defaults to `request.urdf_of`. A plan of the user's own postures is regenerated from the cells in plan.json; a
+    drawing of a plan (`symgen plan`) may stand beside it.
     Raises SymgenError when there is no such directory, no plan.json in it, or no plan for the URDF; OSError.
     """
     if not directory.is_dir():

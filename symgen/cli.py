@@ -44,7 +44,10 @@ def _parser() -> argparse.ArgumentParser:
         "--tip", metavar="LINK", type=_stated, help="last link of the arm (default: end of the longest run of joints)"
     )
     parser.add_argument(
-        "--at", metavar="NAME=VALUE,..", type=_stated, help="freeze these joints there [rad or m]; default 0"
+        "--at",
+        metavar="NAME=VALUE,..",
+        type=_stated,
+        help="freeze these joints there [rad or m]; default 0; before --base they turn gravity, along -z of the root",
     )
     parser.add_argument(
         "--believe-zeros",

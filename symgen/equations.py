@@ -274,8 +274,8 @@ def _plan(factoring: Factoring, summary: Mapping[str, Any] | None) -> Iterator[B
     yield Heading(2, "Measurements")
     all_ = "the" if plan["rank"] == factoring.d else f"{plan['rank']} combinations of the"
     yield Text(
-        f"{plan['measurements']} measurements determine {all_} {factoring.d} constants of the diagonal; {plan['spare']} more "
-        "are kept for validation. Excite the joint named and hold the others at the posture q (rad, m)."
+        f"{plan['measurements']} measurements determine {all_} {factoring.d} constants of the diagonal; "
+        f"{plan['spare']} more are kept for validation. Excite the joint named and hold the others at the posture q (rad, m)."
     )
     if plan["open"]:
         yield Text(f"Open stay {', '.join(f'${alpha_latex(name)}$' for name in plan['open'])}.")

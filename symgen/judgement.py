@@ -81,7 +81,7 @@ def _size(everywhere: Array) -> Array:
 def _visible(rows: Rows, cells: Cells, everywhere: Array) -> tuple[Array, Array]:
     """An orthonormal basis [rank, d] of what the cells determine of the scaled constants, and their scaled rows [N, d].
 
-    Asked of rows of length 1: a cell where J_ii nearly vanishes (point masses near its axis) hides no other by its weight.
+    Asked of rows of length 1: a cell where J_ii nearly vanishes (points near its axis) hides no other by its weight.
     """
     scaled = rows.of_cells(cells) / _size(everywhere)
     length = np.linalg.norm(scaled, axis=1, keepdims=True)

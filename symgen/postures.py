@@ -69,9 +69,9 @@ class Design:
     """A posture plan: cell k excites joint `joint[k]` (from 0) at `q[k]`; cells run tip to base, the spare ones last.
 
     `amplification` [n] as in the module's docstring, `amplification_p999` its 99.9 % quantile over the workspace;
-    `cond` [n] the condition number of each joint's own rows, columns whitened over the workspace, nan for a joint without
-    cells; `d_efficiency` lower bound, by the peaks found among all cells that may be held, of (det / best possible det)^(1/d)
-    per measurement for the cells without the spare ones, `d_efficiency_all` for all.
+    `cond` [n] the condition number of each joint's own rows, columns whitened over the workspace, nan where it has none;
+    `d_efficiency` lower bound, by the peaks found among all cells that may be held, of (det / best possible det)^(1/d) per
+    measurement for the cells without the spare ones, `d_efficiency_all` for all.
     """
 
     joint: NDArray[np.int64]

@@ -348,7 +348,7 @@ def test_the_amplification_of_what_is_determined_is_that_of_linear_propagation()
 
 
 def points(slide: bool) -> Chain:
-    """A point of 2 kg on a boom that turns about z and tilts about y, or on a slide: J_11 is 0 where it is on the axis."""
+    """A point of 2 kg on a boom that turns about z and tilts about y, or on a slide: J_11 is 0 where it is on z."""
     boom, point = Inertia(1.0, np.zeros(3), np.zeros((3, 3))), Inertia(2.0, np.array([0.5, 0, 0]), np.zeros((3, 3)))
     kind, axis, body = (
         (PRISMATIC, [1, 0, 0], replace(point, com=np.zeros(3))) if slide else (REVOLUTE, [0, 1, 0], point)
