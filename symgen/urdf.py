@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from symgen import angles
-from symgen.chain import PRISMATIC, REVOLUTE, Array, Chain, Inertia, Joint, Snap
+from symgen.chain import PRISMATIC, REVOLUTE, Array, Chain, Inertia, Joint, Snap, readonly
 from symgen.errors import UrdfError
 from symgen.kinematics import inertia_matrix
 from symgen.urdf_arm import Arm, check_link, choose_arm, standing
@@ -146,8 +146,8 @@ def turned(chain: Chain, v: ArrayLike, of: str | None = None) -> Array:
             R = R @ _moved(origin, joint, stand[joint.name], angles.ROUNDING)[0]
         return R
 
-    found: Array = axes(chain.base_link).T @ axes(of or tree.root) @ np.asarray(v, dtype=float)
-    return found + 0.0
+    of, found = of or tree.root, readonly(v)
+    return found if of == chain.base_link else axes(chain.base_link).T @ axes(of) @ found
 
 
 def _lump(
