@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from symgen.basis import Factoring
 from symgen.cells import Cells, Rows, every_joint, spread
@@ -24,6 +24,7 @@ from symgen.judgement import undetermined
 from symgen.postures import Effort, ordered, plan, spare_cells
 from symgen.regressor import C_rows
 from symgen.saturated import CANDIDATES, Merit, maxvol
+from symgen.urdf_xml import MAX_NUMBER
 
 #: Cells, and which of them [N] are spare.
 Selection = tuple[Cells, NDArray[np.bool_]]
@@ -69,13 +70,17 @@ def given(path: str | Path, chain: Chain) -> Selection:
     if not cells:
         raise PlanError(f"{path}: no posture; expected lines of joint name, q1, .., or JSON")
     for where, joint, q, _ in cells:
-        if joint not in chain.names or len(q) != chain.n or not np.isfinite(q).all():
-            raise PlanError(
-                f"{path}: {where}: joint {joint!r} at {len(q)} values; expected one of {', '.join(chain.names)} at "
-                f"{chain.n} finite numbers"
-            )
+        if wrong := misfit(chain, joint, q):
+            raise PlanError(f"{path}: {where}: joint {joint!r} at {len(q)} values; {wrong}")
     joints = np.array([chain.names.index(joint) for _, joint, _, _ in cells], dtype=np.int64)
     return Cells(joints, np.array([q for _, _, q, _ in cells])), np.array([spare for *_, spare in cells], dtype=bool)
+
+
+def misfit(chain: Chain, joint: str, q: ArrayLike) -> str:
+    """Returns what is expected of a cell that can be none of this arm; "" for one that can."""
+    if joint in chain.names and np.shape(q) == (chain.n,) and np.all(np.abs(q) <= MAX_NUMBER):  # nan is not
+        return ""
+    return f"expected one of {', '.join(chain.names)} at {chain.n} finite numbers up to {MAX_NUMBER:g}"
 
 
 def _of_json(document: Any) -> list[tuple[str, str, list[Any], bool]]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from symgen.basis import Factoring
 from symgen.chain import REVOLUTE, Array, Joint, skew
-from symgen.kinematics import energy_row, motion
+from symgen.kinematics import energy_row, inertia_matrix, motion
 from symgen.regressor import to_alpha
 
 #: v' M v = (v v') . FORMS . phi: how the energy of a twist v depends on the ten parameters of its body [36, 10].
@@ -19,6 +19,9 @@ _FORMS = energy_row(np.eye(6)[:, None], np.eye(6)[None]).reshape(36, 10)
 #: The same for the different entries of v v' alone: places of the two factors [21], and the forms [21, 10].
 _ONE, _OTHER = np.triu_indices(6)
 _HALF_FORMS = np.where(_ONE == _OTHER, 1, 2)[:, None] * _FORMS[6 * _ONE + _OTHER]
+
+#: No J_ii counts as measured better than to this part of its largest over some postures: points on an axis have none.
+_LEAST, _SOME = 1e-6, 32
 
 
 @dataclass(frozen=True)
@@ -111,13 +114,15 @@ class Rows:
     """The scaled rows f_i(q) = C_i(q) / sigma_i(q) of a factoring, for the URDF's own constants and the drives' rotors.
 
     sigma_i(q) = J_ii(q) + rotor_i: to this the standard deviation of a measured J_ii is proportional, from (5) with a
-    fixed relative error of the frequencies. `rotor` [n, kg m2 or kg, joint side] is N^2 J_m.
+    fixed relative error of the frequencies; it does not vanish with J_ii. `rotor` [n, kg m2 or kg, joint side] is N^2 J_m.
     """
 
     def __init__(self, factoring: Factoring, rotor: Array):
         self.factoring, self.rotor = factoring, rotor
         self._maps = [_maps(joint) for joint in factoring.chain.joints]
         self._to_alpha = to_alpha(factoring, factoring.d)
+        inertia = inertia_matrix(factoring.chain, spread(factoring.chain.limits, _SOME, 0.5))
+        self._least = _LEAST * np.einsum("mii->mi", inertia).max(axis=0)
 
     def __call__(self, q: Array, of: Factoring | None = None) -> Array:
         """All joints' rows at postures q [m, n]: [m, n, d]; with `of`, another factoring's rows in the same scaling."""
@@ -130,7 +135,7 @@ class Rows:
             v = np.concatenate([moved, np.broadcast_to(motion(chain, k), (1, m, 6))])
             C[: k + 1] += _phi_of(v) @ P[10 * k : 10 * k + 10]
         C = C.swapaxes(0, 1)
-        rows: Array = C[..., :-1] / (C[..., -1] + self.rotor)[..., None]
+        rows: Array = C[..., :-1] / np.maximum(C[..., -1] + self.rotor, self._least)[..., None]
         return rows
 
     def of_cells(self, cells: Cells, of: Factoring | None = None) -> Array:
@@ -189,4 +194,5 @@ class Rows:
     def _phi(self, cells: Cells, walk: _Walk) -> tuple[Array, Array]:
         """The rows over all bodies' parameters [N, 10 n], and sigma [N, 1]."""
         phi = _phi_of(walk.v).swapaxes(0, 1).reshape(len(cells), 10 * len(walk.v))
-        return phi, (phi @ self.factoring.chain.parameters + self.rotor[cells.joint])[:, None]
+        sigma = np.maximum(phi @ self.factoring.chain.parameters + self.rotor[cells.joint], self._least[cells.joint])
+        return phi, sigma[:, None]

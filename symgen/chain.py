@@ -131,8 +131,9 @@ class Snap:
 class Chain:
     """A serial arm, base to tip.
 
-    `frozen` holds the joints of the file that do not move here, with the value [rad or m] they are frozen at; `lumped`
-    the links whose inertia went into another link. `source` is the URDF text, `sha256` its hash.
+    `frozen` holds the joints of the file that do not move here, with the value [rad or m] they are frozen at (of those
+    before the base only what a caller froze); `lumped` the links whose inertia went into another link. `source` is the URDF
+    text, `sha256` its hash.
     """
 
     name: str

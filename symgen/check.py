@@ -10,6 +10,7 @@ from typing import Any
 
 from symgen import emit
 from symgen.errors import SymgenError
+from symgen.plot import is_drawing
 from symgen.request import PLAN_FILE, Request, plan_for, recorded, urdf_of
 
 
@@ -36,7 +37,8 @@ class Check:
 def check(directory: Path, urdf: Path | None = None, request: Request | None = None) -> Check:
     """Returns how a directory differs from what symgen writes for `request` (default: the options in its plan.json).
 
-    `urdf` defaults to `request.urdf_of`. A plan of the user's own postures is regenerated from the cells in plan.json.
+    `urdf` defaults to `request.urdf_of`. A plan of the user's own postures is regenerated from the cells in plan.json; a
+    drawing of a plan (`symgen plan`) may stand beside it.
     Raises SymgenError when there is no such directory, no plan.json in it, or no plan for the URDF; OSError.
     """
     if not directory.is_dir():
@@ -49,9 +51,9 @@ def check(directory: Path, urdf: Path | None = None, request: Request | None = N
     found = {path.name: path.read_bytes() if path.is_file() else b"" for path in sorted(directory.iterdir())}
     differences = {name: "missing" for name in names if name not in found}
     for name, content in found.items():
-        if name not in wanted:
+        if name not in wanted and not is_drawing(content):
             differences[name] = "not written by symgen for this URDF and these options"
-        elif content != wanted[name]:
+        elif name in wanted and content != wanted[name]:
             differences[name] = (_stale if name == PLAN_FILE else _first_difference)(content, wanted[name])
     return Check(directory, urdf, len(names), dict(sorted(differences.items())))
 

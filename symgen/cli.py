@@ -36,14 +36,18 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--check",
         metavar="DIR",
-        help="compare the files there with what would be written for URDF (default: DIR/../../robots/NAME/NAME.urdf)",
+        help="compare the files there, drawings aside, with what would be written for URDF (default: "
+        "DIR/../../robots/NAME/NAME.urdf)",
     )
     parser.add_argument("--base", metavar="LINK", type=_stated, help="first link of the arm (default: the root)")
     parser.add_argument(
         "--tip", metavar="LINK", type=_stated, help="last link of the arm (default: end of the longest run of joints)"
     )
     parser.add_argument(
-        "--at", metavar="NAME=VALUE,..", type=_stated, help="freeze these joints there [rad or m]; default 0"
+        "--at",
+        metavar="NAME=VALUE,..",
+        type=_stated,
+        help="freeze these joints there [rad or m]; default 0; before --base they turn gravity, along -z of the root",
     )
     parser.add_argument(
         "--believe-zeros",
@@ -100,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit status.
 
     0 done, 1 done but a problem was found (files differ, postures do not suffice, no plan of that kind), 2 misuse or bad
-    input (one line on standard error).
+    input (one line on standard error), 130 interrupted.
     """
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
@@ -126,6 +130,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "
         return _failed(f"{where}{error.strerror or error}", 2)
+    except KeyboardInterrupt:
+        return _failed("interrupted", 130)
 
 
 def _failed(message: str, status: int) -> int:

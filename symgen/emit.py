@@ -22,7 +22,7 @@ from symgen import equations, typeset
 from symgen.basis import Factoring
 from symgen.chain import Array
 from symgen.formula import Formula, alpha_cad, alpha_formulas, named_lengths, rounded
-from symgen.graph import Graph, inertia_graph, trigonometric_graph
+from symgen.graph import Graph, inertia_graph
 
 if TYPE_CHECKING:
     from symgen.plan import Plan
@@ -112,15 +112,6 @@ def functions(factoring: Factoring, names: Sequence[str] = tuple(_FUNCTIONS)) ->
     """
     expressions = _Expressions(inertia_graph(factoring), factoring.d)
     return {name: _function(name, name, expressions, getattr(expressions, name)) for name in names}
-
-
-def trigonometric_functions(factoring: Factoring) -> dict[str, ca.Function]:
-    """Returns `J_diag` and `J` as in `functions`, but summed monomial by monomial: slower, and the proof of the others.
-
-    Raises SymgenError for an arm with more monomials than are written out.
-    """
-    expressions = _Expressions(trigonometric_graph(factoring), factoring.d)
-    return {name: _function(name, name, expressions, getattr(expressions, name)) for name in ("J_diag", "J")}
 
 
 def identifier(name: str) -> str:

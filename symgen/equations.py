@@ -1,6 +1,6 @@
-"""Factoring -> the equations of an arm for people, as Markdown and as LaTeX: eqs. (9)-(20) for any arm.
+"""Factoring -> the equations of an arm for people, to be printed by `typeset`: eqs. (9)-(20) for any arm.
 
-Both print the same blocks: what robot, the structure of J(q), J_ii(q) = C_i(q) alpha tip to base, the off-diagonals, the
+The blocks: what robot, the structure of J(q), J_ii(q) = C_i(q) alpha tip to base, the off-diagonals, the
 rows C_i, the constants as formulas. Long sums are grouped by constant, folded and cut; the functions hold all of them.
 """
 
@@ -26,9 +26,10 @@ from symgen.notation import (
     functions,
     joints_of,
     subscript,
+    summed_angles,
     terms,
 )
-from symgen.typeset import Block, Display, Fold, Heading, Table, Text, code, inline, latex, markdown, width, wrapped
+from symgen.typeset import Block, Display, Fold, Heading, Table, Text, code, inline, width, wrapped
 
 #: Sums of more terms than this are grouped by constant and folded.
 _LONG = 60
@@ -41,16 +42,6 @@ _ROW = 70
 
 #: Matrices up to this many joints are printed as matrices.
 _MATRIX = 10
-
-
-def equations_md(factoring: Factoring, plan_summary: Mapping[str, Any] | None = None) -> str:
-    """Returns `document` as Markdown with GitHub's math."""
-    return markdown(document(factoring, plan_summary))
-
-
-def equations_tex(factoring: Factoring, plan_summary: Mapping[str, Any] | None = None) -> str:
-    """Returns `document` as a complete LaTeX article."""
-    return latex(document(factoring, plan_summary))
 
 
 def document(
@@ -167,10 +158,10 @@ def _entry_row(factoring: Factoring, i: int, j: int) -> tuple[str, ...]:
 
 
 def _entries(factoring: Factoring) -> Iterator[Block]:
-    n, angles = factoring.chain.n, factoring.entries[0, 0].angles
+    n = factoring.chain.n
     off_diagonal = [(i, j) for i in reversed(range(n)) for j in range(i + 1, n)]
     zero = [f"${entry_latex(i, j)}$" for i, j in off_diagonal if not np.any(factoring.S[i, j])]
-    sums = [rf" $c{angle_subscript(angle)}$ is $\cos({angle_sum(angle)})$." for angle in angles if len(angle) > 1]
+    sums = [rf" $c{angle_subscript(angle)}$ is $\cos({angle_sum(angle)})$." for angle in summed_angles(factoring)]
     yield Heading(2, "Diagonal entries, tip to base")
     yield Text(r"$c_k$ and $s_k$ stand for $\cos q_k$ and $\sin q_k$." + "".join(sums))
     for i in reversed(range(n)):
@@ -281,10 +272,15 @@ def _plan(factoring: Factoring, summary: Mapping[str, Any] | None) -> Iterator[B
     if not plan:
         return
     yield Heading(2, "Measurements")
+    all_ = "the" if plan["rank"] == factoring.d else f"{plan['rank']} combinations of the"
     yield Text(
-        f"{plan['measurements']} measurements determine the {factoring.d} constants of the diagonal; {plan['spare']} more "
-        "are kept for validation. Excite the joint named and hold the others at the posture q (rad, m)."
+        f"{plan['measurements']} measurements determine {all_} {factoring.d} constants of the diagonal; "
+        f"{plan['spare']} more are kept for validation. Excite the joint named and hold the others at the posture q (rad, m)."
     )
+    if plan["open"]:
+        yield Text(f"Open stay {', '.join(f'${alpha_latex(name)}$' for name in plan['open'])}.")
+    for row in plan["infeasible"]:
+        yield Text(f"Posture {row['cell']} ({code(row['joint'])}) can not be held: {code(row['why'])}.")
     cells = [
         (code(cell["joint"]), "spare" if cell.get("spare") else "", ", ".join(map(number, cell["q"])))
         for cell in plan["cells"]

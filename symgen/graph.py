@@ -1,6 +1,6 @@
-"""J(q, alpha) as CasADi graphs: the fast form for use, and the trigonometric form to prove it by.
+"""J(q, alpha) as a CasADi graph: the fast form of what the equations say monomial by monomial.
 
-Fast: D of the 10 n inertial parameters, chosen so that W restricted to them can be inverted, carry the constants alpha
+D of the 10 n inertial parameters, chosen so that W restricted to them can be inverted, carry the constants alpha
 and all others are zero; J does not change, because it sees alpha only. One composite-rigid-body recursion over these
 few parameters, in frames whose z axis is the joint axis, gives all of J. Structural zeros never enter the graph.
 """
@@ -16,11 +16,9 @@ import numpy as np
 
 from symgen.basis import Factoring
 from symgen.chain import REVOLUTE, Array, Chain
-from symgen.errors import SymgenError
 from symgen.formula import rounded
-from symgen.inertia import Angle, parameter_scale
+from symgen.inertia import parameter_scale
 from symgen.kinematics import MOMENTS
-from symgen.notation import entry_text
 
 #: Order in which a link's parameters are tried as carriers of alpha, in frames with z the joint axis. Mass, height of
 #: the centre of mass and L_yy come last: their effect can be had from the link before, and a massless composite body
@@ -318,35 +316,3 @@ def _shifted(
 
     lever = [_sum(y, z), minus(0, 1), _sum(x, z), minus(0, 2), minus(1, 2), _sum(x, y)]
     return _plus(g, half), _plus(L, lever)
-
-
-def trigonometric_graph(factoring: Factoring) -> Graph:
-    """Returns J(q, alpha) [n, n] summed monomial by monomial, J_ij = monomials_ij(q) S_ij alpha; eqs. (17)-(20).
-
-    Raises SymgenError for an arm with more monomials than are written out.
-    """
-    n = factoring.chain.n
-    q, alpha = ca.SX.sym("q", n), ca.SX.sym("alpha", len(factoring.alphas))
-    tables: dict[tuple[Angle, bool], list[Any]] = {}
-
-    def functions(angle: Angle, turning: bool) -> list[Any]:
-        if (angle, turning) not in tables:
-            psi = sum(sign * q[k] for k, sign in angle)
-            c, s = ca.cos(psi), ca.sin(psi)
-            tables[angle, turning] = [1, c, s, c * c, c * s] if turning else [1, psi, psi * psi]
-        return tables[angle, turning]
-
-    J = ca.SX(n, n)
-    for (i, j), entry in factoring.entries.items():
-        if not entry.complete:
-            raise SymgenError(
-                f"{factoring.chain.name}: {entry_text(n, i, j)} has too many terms to be written out; use inertia_graph"
-            )
-        total: Scalar = 0.0
-        weights = ca.mtimes(ca.sparsify(ca.DM(factoring.S[i, j])), alpha)
-        for digits, weight in zip(entry.digits, ca.vertsplit(weights), strict=True):
-            for angle, turning, digit in zip(entry.angles, entry.turning, digits, strict=True):
-                weight = weight * functions(angle, turning)[digit] if digit else weight
-            total = total + weight
-        J[i, j] = J[j, i] = total
-    return Graph(q, alpha, J)

@@ -42,7 +42,7 @@ def box(limits: Array) -> Array:
 def home(allowed: Array) -> Array:
     """Returns the resting posture [n]: zero where allowed, else the middle of the interval."""
     inside = (allowed[:, 0] <= 0) & (allowed[:, 1] >= 0)
-    return np.where(inside, 0.0, _round(allowed.mean(axis=1)))
+    return np.where(inside, 0.0, _round(allowed.mean(axis=1), allowed))
 
 
 class Holding:
@@ -112,9 +112,12 @@ class Holding:
         """Postures [N, n] with whole turns taken off where the box allows it, rounded."""
         turned = q - np.where(self._turning, 2 * np.pi * np.round(q / (2 * np.pi)), 0.0)
         low, high = self.allowed.T
-        return _round(np.where((turned >= low) & (turned <= high), turned, q))
+        return _round(np.where((turned >= low) & (turned <= high), turned, q), self.allowed)
 
 
-def _round(q: Array) -> Array:
-    rounded: Array = np.round(q / ROUNDING) * ROUNDING
-    return rounded
+def _round(q: Array, allowed: Array) -> Array:
+    """The nearest whole multiples of `ROUNDING`; a value `allowed` that this would take out of its interval stays."""
+    low, high = allowed.T
+    rounded = np.round(q / ROUNDING) * ROUNDING
+    leaves = (low <= q) & (q <= high) & ((rounded < low) | (rounded > high))
+    return np.where(leaves, q, rounded)

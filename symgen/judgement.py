@@ -44,7 +44,7 @@ def judged(rows: Rows, cells: Cells, spare: NDArray[np.bool_], feasible: Mask | 
         )
     E = everywhere / _size(everywhere)
     hidden = np.linalg.norm(E - E @ visible.T @ visible, axis=(0, 2)) > SEEN * np.linalg.norm(E, axis=(0, 2))
-    variance = ((E @ np.linalg.pinv(scaled, rcond=SEEN)) ** 2).sum(axis=2)
+    variance = ((E @ visible.T @ np.linalg.pinv(scaled @ visible.T)) ** 2).sum(axis=2)
     return Design(
         joint=cells.joint,
         q=readonly(cells.q),
@@ -59,7 +59,8 @@ def judged(rows: Rows, cells: Cells, spare: NDArray[np.bool_], feasible: Mask | 
 
 def infeasible(chain: Chain, cells: Cells, feasible: Feasible | None) -> dict[int, str]:
     """Returns the cells (counted from 0) that the arm may not hold, and why; without `feasible` only limits are looked at."""
-    beyond = (cells.q < chain.limits[:, 0] - _OUTSIDE) | (cells.q > chain.limits[:, 1] + _OUTSIDE)
+    low, high = np.array([(joint.lower, joint.upper) for joint in chain.joints]).T  # infinite where none is stated
+    beyond = (cells.q < low - _OUTSIDE) | (cells.q > high + _OUTSIDE)
     why = {k: [f"{chain.names[j]} beyond its limits" for j in np.flatnonzero(beyond[k])] for k in range(len(cells))}
     if feasible is not None:
         for k in np.flatnonzero(~feasible(cells.q)).tolist():
@@ -78,7 +79,11 @@ def _size(everywhere: Array) -> Array:
 
 
 def _visible(rows: Rows, cells: Cells, everywhere: Array) -> tuple[Array, Array]:
-    """An orthonormal basis [rank, d] of what the cells determine of the scaled constants, and their scaled rows [N, d]."""
+    """An orthonormal basis [rank, d] of what the cells determine of the scaled constants, and their scaled rows [N, d].
+
+    Asked of rows of length 1: a cell where J_ii nearly vanishes (points near its axis) hides no other by its weight.
+    """
     scaled = rows.of_cells(cells) / _size(everywhere)
-    _, values, basis = np.linalg.svd(scaled, full_matrices=False)
+    length = np.linalg.norm(scaled, axis=1, keepdims=True)
+    _, values, basis = np.linalg.svd(scaled / np.where(length > 0.0, length, 1.0), full_matrices=False)
     return basis[values > SEEN * values.max(initial=0.0)], scaled

@@ -200,12 +200,3 @@ def inertia_matrix(chain: Chain, q: Array) -> Array:
         rows = energy_row(moving[:, :, None, :], moving[:, None, :, :])
         out[:, : k + 1, : k + 1] += rows @ chain.parameters[10 * k : 10 * k + 10]
     return out.reshape(*np.shape(q)[:-1], chain.n, chain.n)
-
-
-def phi_rows(chain: Chain, q: Array, i: int, j: int) -> Array:
-    """Returns the rows with J_ij(q) = row . phi, phi all bodies' parameters: [m, 10 n] at postures q [m, n]."""
-    out = np.zeros((len(q), 10 * chain.n))
-    for k, moving in enumerate(twists(chain, q)):
-        if k >= max(i, j):
-            out[:, 10 * k : 10 * k + 10] = energy_row(moving[:, i], moving[:, j])
-    return out

@@ -48,11 +48,11 @@ def alpha_latex(name: str) -> str:
 
 
 def angle_subscript(angle: Angle) -> str:
-    """Returns the subscript of a (cumulative) angle: _2, _{23} for q_2 + q_3, _{2-3} for q_2 - q_3."""
-    wide = any(k > 8 for k, _ in angle)
+    """Returns the subscript of a (cumulative) angle: _2, _{23} for q_2 + q_3, _{2-3+4} for q_2 - q_3 + q_4."""
+    stated = any(k > 8 or sign < 0 for k, sign in angle)
     text = ""
     for k, sign in angle:
-        text += ("-" if sign < 0 else "+" if wide and text else "") + str(k + 1)
+        text += ("-" if sign < 0 else "+" if stated and text else "") + str(k + 1)
     return f"_{text}" if len(text) == 1 else f"_{{{text}}}"
 
 
@@ -104,10 +104,20 @@ def terms(factoring: Factoring, i: int, j: int) -> Terms:
 
 def joints_of(factoring: Factoring, i: int, j: int) -> list[int]:
     """Returns the joints (from 0) whose coordinates J_ij depends on."""
+    return sorted({k for angle in _angles_of(factoring, i, j) for k, _ in angle})
+
+
+def _angles_of(factoring: Factoring, i: int, j: int) -> list[Angle]:
+    """The (cumulative) angles that J_ij depends on."""
     entry = factoring.entries[i, j]
     used = entry.digits[np.any(factoring.S[i, j] != 0.0, axis=1)]
-    angles = [angle for position, angle in enumerate(entry.angles) if np.any(used[:, position] != 0)]
-    return sorted({k for angle in angles for k, _ in angle})
+    return [angle for position, angle in enumerate(entry.angles) if np.any(used[:, position] != 0)]
+
+
+def summed_angles(factoring: Factoring) -> list[Angle]:
+    """Returns the sums of joint angles that any J_ij depends on, base to tip."""
+    angles = dict.fromkeys(angle for pair in factoring.entries for angle in _angles_of(factoring, *pair))
+    return sorted((angle for angle in angles if len(angle) > 1), key=lambda angle: [k for k, _ in angle])
 
 
 def function(factoring: Factoring, i: int, j: int, term: Term) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from symgen import kinematics, postures, regressor
-from symgen.alternatives import Chooser
+from symgen.alternatives import Chooser, misfit
 from symgen.basis import Entries, Factoring, derived, factor
 from symgen.cells import Cells, Rows
 from symgen.chain import Array, Chain
@@ -166,11 +166,8 @@ def load_plan_cells(path: str | Path, model: Model) -> tuple[Cell, ...]:
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise PlanError(f"{path}: not a plan file: {type(error).__name__} {error}; run symgen again") from None
     for k, cell in enumerate(cells):
-        if cell.joint not in model.chain.names or cell.q.shape != (model.chain.n,) or not np.isfinite(cell.q).all():
-            raise PlanError(
-                f"{path}: cell {k + 1}: joint {cell.joint!r} at q of {cell.q.size}; expected one of "
-                f"{', '.join(model.chain.names)} at {model.chain.n} finite numbers"
-            )
+        if wrong := misfit(model.chain, cell.joint, cell.q):
+            raise PlanError(f"{path}: cell {k + 1}: joint {cell.joint!r} at q of {cell.q.size}; {wrong}")
     return cells
 
 

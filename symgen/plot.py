@@ -38,6 +38,12 @@ _CHARTS, _STRIP, _SQUARE, _LEAST_COVERAGE, _COLUMNS = 2.2, 0.32, 1.5, 1.8, 8
 #: An arm all of whose points coincide is drawn as if it were this large [m].
 _POINT = 1e-3
 
+#: How a drawing begins.
+_HEAD = '<svg role="img" aria-label="Plan of '
+
+#: An amplification beyond this is no number.
+_ENDLESS = 1e300
+
 #: Where the arm is looked at from: azimuth and elevation.
 _VIEW = np.deg2rad([-55.0, 22.0])
 
@@ -77,10 +83,17 @@ def plot_of(directory: Path, urdf: Path) -> str:
     if not (
         isinstance(amplification, list)
         and len(amplification) == model.chain.n
-        and all(a is None or isinstance(a, int | float) for a in amplification)
+        and all(a is None or (isinstance(a, int | float) and 0 <= a < _ENDLESS) for a in amplification)
     ):
         raise PlanError(f"{path}: amplification_per_joint: expected {model.chain.n} numbers; run symgen again")
+    if not cells:
+        raise PlanError(f"{path}: cells: none to draw; run symgen again")
     return draw(model, cells, amplification)
+
+
+def is_drawing(content: bytes) -> bool:
+    """Whether a file holds what `plot_of` returns, for whatever plan."""
+    return _HEAD.encode() in content[:1000]
 
 
 def draw(model: Model, cells: Sequence[Cell], amplification: Sequence[float | None]) -> str:
@@ -108,7 +121,7 @@ def draw(model: Model, cells: Sequence[Cell], amplification: Sequence[float | No
         _coverage(strips, chain, cells)
         _pairs(page, chain, cells, right, _TOP + _CHARTS + _GAP, coverage)
         drawn.draw(page, below)
-        return _svg(page.figure, f"Plan of {_plain(chain.name)}")
+        return _svg(page.figure, _plain(chain.name))
 
 
 @dataclass(frozen=True)
@@ -317,14 +330,14 @@ def _plain(text: str) -> str:
     return re.sub(r"[^ -~]", "?", text)
 
 
-def _svg(figure: Figure, title: str) -> str:
-    """The figure as a file: no date, short numbers."""
+def _svg(figure: Figure, name: str) -> str:
+    """The figure of the arm of this name as a file: no date, short numbers."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
     svg = re.sub(r"\s*<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r' d="([^"]*)"', lambda path: f' d="{_rounded(path[1])}"', svg)
-    return svg.replace("<svg ", f'<svg role="img" aria-label="{html.escape(title)}" ', 1)
+    return svg.replace("<svg ", f'{_HEAD}{html.escape(name)}" ', 1)
 
 
 def _rounded(path: str) -> str:

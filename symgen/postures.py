@@ -69,9 +69,9 @@ class Design:
     """A posture plan: cell k excites joint `joint[k]` (from 0) at `q[k]`; cells run tip to base, the spare ones last.
 
     `amplification` [n] as in the module's docstring, `amplification_p999` its 99.9 % quantile over the workspace;
-    `cond` [n] the condition number of each joint's own rows, columns whitened over the workspace; `d_efficiency` lower
-    bound, by the peaks found among all cells that may be held, of (det / best possible det)^(1/d) per measurement for the
-    cells without the spare ones, `d_efficiency_all` for all.
+    `cond` [n] the condition number of each joint's own rows, columns whitened over the workspace, nan where it has none;
+    `d_efficiency` lower bound, by the peaks found among all cells that may be held, of (det / best possible det)^(1/d) per
+    measurement for the cells without the spare ones, `d_efficiency_all` for all.
     """
 
     joint: NDArray[np.int64]
@@ -260,7 +260,7 @@ def judged(
         amplification=readonly(np.sqrt(variance.mean(axis=0))),
         amplification_p999=readonly(np.sqrt(np.quantile(variance, 0.999, axis=0))),
         cond=readonly(
-            [float(np.linalg.cond((needed @ whiten)[own == i])) if (own == i).any() else 0.0 for i in range(n)]
+            [float(np.linalg.cond((needed @ whiten)[own == i])) if (own == i).any() else np.nan for i in range(n)]
         ),
         d_efficiency=d_efficiency(needed, log_det_bound),
         d_efficiency_all=d_efficiency(F, log_det_bound),

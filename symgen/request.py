@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from symgen import alternatives, plan
-from symgen.chain import Chain
+from symgen.chain import Array, Chain
 from symgen.errors import PlanError, SymgenError
 from symgen.postures import Effort
 from symgen.robot import Robot, load_robot
+from symgen.urdf import turned
+from symgen.urdf_tree import read_tree
 from symgen.urdf_xml import number
 
 PLAN_FILE = "plan.json"
@@ -25,7 +27,8 @@ _MOST_SPARE = 500
 
 @dataclass(frozen=True)
 class Request:
-    """The options of the command line that shape a plan, as they were written; what is None is as robot.toml says.
+    """The options of the command line that shape a plan, as they were written; what is None, and where joints stand that `at`
+    does not name, is as robot.toml says.
 
     `at` "name=value,..", `grid` "15deg,5mm", `postures` a file (see `alternatives.given`).
     """
@@ -86,14 +89,20 @@ def urdf_of(directory: Path) -> Path:
 
 def chain_for(urdf: Path, request: Request) -> tuple[Chain, Chain | None]:
     """Returns the arm asked for, as snapped and (if that differs) as written. Raises UrdfError, RobotError, SymgenError."""
-    robot = _robot_of(urdf)
-    return plan.chain_of_file(
+    robot, given = _robot_of(urdf), _frozen_at(request.at)
+    chain, unsnapped = plan.chain_of_file(
         urdf,
         snap=request.snap,
         base=request.base or (robot.base if robot else None),
         tip=request.tip or (robot.tip if robot else None),
-        at=_frozen_at(request.at) or (dict(robot.at) if robot else {}),
+        at={**(robot.at if robot else {}), **given},
     )
+    if idle := [name for name in given if name not in chain.frozen]:
+        raise SymgenError(
+            f"--at {request.at!r}: {idle[0]!r} is neither behind link {chain.base_link!r} nor before it; "
+            "expected a joint that matters"
+        )
+    return chain, unsnapped
 
 
 def model_for(urdf: Path, request: Request) -> plan.Model:
@@ -123,9 +132,7 @@ def plan_for(urdf: Path, request: Request) -> plan.Plan:
         rotor=plan.reflected_inertia(chain, drives),
         spare=request.spare,
         effort=request.effort,
-        feasible=plan.feasible_postures(chain, urdf, drives, robot.gravity if robot else (0.0, 0.0, -9.81))
-        if request.feasible
-        else None,
+        feasible=plan.feasible_postures(chain, urdf, drives, _gravity(chain, robot)) if request.feasible else None,
         choose=choose,
         columns=request.columns,
     )
@@ -151,6 +158,14 @@ def _chooser(request: Request, chain: Chain) -> alternatives.Chooser | None:
         alternatives.grid_steps(request.grid, chain)  # a bad text is refused before the work
         return partial(alternatives.gridded, grid=request.grid, spare=request.spare, effort=request.effort)
     return partial(alternatives.triangular, spare=request.spare) if request.triangular else None
+
+
+def _gravity(chain: Chain, robot: Robot | None) -> Array:
+    """Gravity [3, m/s2] in the axes of the arm's base link: robot.toml gives it in those of its own base; without one it is
+    along -z of the root link."""
+    if robot is None:
+        return turned(chain, (0.0, 0.0, -9.81))
+    return turned(chain, robot.gravity, robot.base or read_tree(chain.source).meant.base)
 
 
 def _believe_zeros(robot: Robot | None, request: Request) -> bool:

@@ -68,7 +68,7 @@ class Experiment:
 @dataclass(frozen=True, eq=False)
 class Robot:
     """One robot directory: where its `urdf` is, how to read it (`believe_zeros`, `base`, `tip`, `at` as in
-    `symgen.urdf.load_chain`), `gravity` [3, m/s2] in the base frame, the experiment, and the drives in file order."""
+    `symgen.urdf.load_chain`), `gravity` [3, m/s2] in the frame of its base, the experiment, the drives in file order."""
 
     name: str
     path: Path

@@ -14,12 +14,13 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from symgen import angles
-from symgen.chain import PRISMATIC, REVOLUTE, Array, Chain, Inertia, Joint, Snap
+from symgen.chain import PRISMATIC, REVOLUTE, Array, Chain, Inertia, Joint, Snap, readonly
 from symgen.errors import UrdfError
 from symgen.kinematics import inertia_matrix
-from symgen.urdf_arm import Arm, choose_arm
+from symgen.urdf_arm import Arm, check_link, choose_arm, standing
 from symgen.urdf_tree import Body, Choice, RawJoint, Tree, read_tree
 from symgen.urdf_xml import decode, read_bytes, shown
 
@@ -63,10 +64,11 @@ def parse_chain(
     """Returns the serial arm in the URDF `text`, from link `base` to link `tip`.
 
     `base` defaults to the root link, `tip` to the end of the longest run of moving joints that mimic no other, grippers
-    left out. What lies before `base` is dropped; everything behind it that moves but is not on the way to `tip` is
-    frozen where `at` {joint: rad or m} says, else at 0 or the limit next to 0 (or where it mimics), and lumped. `at`
-    may freeze joints of the arm as well. Without any of the three, what the text says itself (`with_arm`) counts. With `snap`, angles within 1e-4 rad of a multiple of pi/12 and axes within
-    1e-4 rad of a coordinate axis are set exactly and reported in `Chain.snapped`; without it only those within
+    left out. What lies before `base` is dropped (it turns gravity: `turned`); everything behind it that moves but is not on
+    the way to `tip` is frozen where `at` {joint: rad or m} says, else at 0 or the limit next to 0 (or where it mimics), and
+    lumped. `at` may freeze joints of the arm as well. What is not given is as the text itself says (`with_arm`), except that
+    the joints of an arm whose base or tip is given move. With `snap`, angles within 1e-4 rad of a multiple of pi/12 and
+    axes within 1e-4 rad of a coordinate axis are set exactly and reported in `Chain.snapped`; without it only those within
     1e-9 rad.
 
     Raises UrdfError, one line that starts with `where`: not XML, not a tree, a number missing or impossible, a link
@@ -101,11 +103,11 @@ def with_arm(chain: Chain) -> str:
 
     if not chain.source or same(arm(chain.source, Choice())):
         return chain.source
-    usual = arm(chain.source, Choice(chain.base_link, chain.tip_link))
+    source = _MEANT.sub("", chain.source)  # what it said of another arm
+    usual = arm(source, Choice(chain.base_link, chain.tip_link))
     stand = {name: value for name, value in chain.frozen.items() if usual is None or usual.frozen.get(name) != value}
     rows = "".join(f"<at joint={quoteattr(name)} value={quoteattr(repr(value))}/>" for name, value in stand.items())
     meant = f"<symgen base={quoteattr(chain.base_link)} tip={quoteattr(chain.tip_link)}>{rows}</symgen>\n"
-    source = _MEANT.sub("", chain.source)  # what it said of another arm
     end = source.rindex("</robot")
     text = f"{source[:end]}{meant}{source[end:]}"
     if not same(arm(text, Choice())):
@@ -117,8 +119,7 @@ def _chain(text: str, digest: str, stem: str, choice: Choice, snap: bool) -> Cha
     tree = read_tree(text)
     if not any(tree.links.values()):
         raise UrdfError("no link has an <inertial>; expected the mass and inertia of every link that moves")
-    choice = tree.meant if choice == Choice() else choice
-    arm = choose_arm(tree, choice.base, choice.tip, choice.at)
+    arm = choose_arm(tree, choice)
     tolerance = angles.SNAP if snap else angles.ROUNDING
     placed, bodies, lumped = _lump(tree, arm, tolerance)
     _check_masses(arm, bodies)
@@ -127,6 +128,26 @@ def _chain(text: str, digest: str, stem: str, choice: Choice, snap: bool) -> Cha
     chain = Chain(tree.name or stem, joints, arm.base, arm.tip, text, digest, snaps, dict(arm.resting), lumped)
     _check_inertia(chain)
     return chain
+
+
+def turned(chain: Chain, v: ArrayLike, of: str | None = None) -> Array:
+    """Returns a vector [3], given in the axes of link `of` (default: the root) of the chain's URDF, in those of its base link.
+
+    Joints between the two stand where `chain.frozen` says, else at 0 as in `parse_chain`. UrdfError: no such link.
+    """
+    tree = read_tree(chain.source)
+    check_link(tree, "base", of)
+    stand = standing(tree, chain.frozen)
+
+    def axes(link: str) -> Array:
+        R = np.eye(3)
+        for joint in tree.path(tree.root, link):
+            origin = angles.from_rpy(joint.rpy, angles.ROUNDING), np.zeros(3)
+            R = R @ _moved(origin, joint, stand[joint.name], angles.ROUNDING)[0]
+        return R
+
+    of, found = of or tree.root, readonly(v)
+    return found if of == chain.base_link else axes(chain.base_link).T @ axes(of) @ found
 
 
 def _lump(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from symgen.errors import UrdfError
-from symgen.urdf_tree import RawJoint, Tree
+from symgen.urdf_tree import Choice, RawJoint, Tree
 from symgen.urdf_xml import shown
 
 MAX_JOINTS = 24  # takes 14 s and 1.5 GB; from 29 on the monomials outnumber the 64-bit integers
@@ -16,7 +16,7 @@ MAX_JOINTS = 24  # takes 14 s and 1.5 GB; from 29 on the monomials outnumber the
 @dataclass(frozen=True)
 class Arm:
     """The `moving` joints from link `base` to link `tip`; every other movable joint behind `base` stands at `resting`
-    [rad or m]."""
+    [rad or m], and so does what was frozen before it."""
 
     base: str
     tip: str
@@ -24,21 +24,40 @@ class Arm:
     resting: Mapping[str, float]
 
 
-def choose_arm(tree: Tree, base: str | None, tip: str | None, at: Mapping[str, float]) -> Arm:
-    """Returns the arm from `base` (default: the root link) to `tip` (default: `_default_tip`), without the joints that
-    `at` {joint: rad or m} freezes; `at` does not change where the arm ends. UrdfError: an unknown name, no arm, two
-    arms, or joints that no serial arm has."""
-    for role, link in (("base", base), ("tip", tip)):
-        if link is not None and link not in tree.links:
-            raise UrdfError(f"{role} link {shown(link)} does not exist; links are {_listed(tree.links)}")
+def choose_arm(tree: Tree, choice: Choice) -> Arm:
+    """Returns the arm that is chosen, without the joints that `at` {joint: rad or m} freezes; `at` does not change where it
+    ends. What is left open is as the file means it, else from the root link to `_default_tip`; but joints of an arm whose
+    base or tip is chosen move, wherever the file freezes them. UrdfError: an unknown name, no arm, two arms, or joints that
+    no serial arm has."""
+    base, tip = _ends(tree, choice)
+    path, meant = tree.path(base, tip), dict(tree.meant.at)
+    if choice.base is not None or choice.tip is not None:
+        meant = {name: value for name, value in meant.items() if name not in {joint.name for joint in path}}
+    at = meant | dict(choice.at)
     _check_frozen(tree, at)
-    base = base or tree.root
-    tip = tip or _default_tip(tree, base)
-    moving = tuple(joint for joint in tree.path(base, tip) if joint.movable and joint.name not in at)
+    moving = tuple(joint for joint in path if joint.movable and joint.name not in at)
     _check_moving(moving, f"from {shown(base)} to {shown(tip)}")
-    stand, names = _standing(tree, at), {joint.name for joint in moving}
+    stand, names = standing(tree, at), {joint.name for joint in moving}
+    before = [joint.name for joint in tree.path(tree.root, base) if joint.name in at]
     off = (joint.name for joint in tree.behind(base) if joint.movable and joint.name not in names)
-    return Arm(base, tip, moving, {name: stand[name] for name in off})
+    return Arm(base, tip, moving, {name: stand[name] for name in (*before, *off)})
+
+
+def _ends(tree: Tree, choice: Choice) -> tuple[str, str]:
+    """The first and the last link of the arm; what the file means counts where it is of one run with what is chosen."""
+    base, tip = choice.base or tree.meant.base, choice.tip or tree.meant.tip
+    check_link(tree, "base", base)
+    check_link(tree, "tip", tip)
+    if base and tip and base not in (joint.parent for joint in tree.path(tree.root, tip)):
+        base, tip = choice.base, choice.tip
+    base = base or tree.root
+    return base, tip or _default_tip(tree, base)
+
+
+def check_link(tree: Tree, role: str, link: str | None) -> None:
+    """UrdfError, saying what it was to be, where there is no such link."""
+    if link is not None and link not in tree.links:
+        raise UrdfError(f"{role} link {shown(link)} does not exist; links are {_listed(tree.links)}")
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -82,7 +101,7 @@ def _check_frozen(tree: Tree, at: Mapping[str, float]) -> None:
             raise UrdfError(f"at: {shown(name)} = {value:g}; expected a value within the joint's limits {limits}")
 
 
-def _standing(tree: Tree, at: Mapping[str, float]) -> dict[str, float]:
+def standing(tree: Tree, at: Mapping[str, float]) -> dict[str, float]:
     """Returns for every joint the value to freeze it at: `at`, else where it mimics, else 0; clamped to its limits."""
     stand = {name: float(value) for name, value in at.items()}
     for joint in tree.joints.values():

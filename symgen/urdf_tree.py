@@ -69,7 +69,7 @@ class RawJoint:
 
 @dataclass(frozen=True)
 class Choice:
-    """Which arm of a file is meant: from link `base` to link `tip`, None the usual ones; joints `at` [rad or m] stand still."""
+    """Which arm of a file is meant: from link `base` to link `tip`, None where left open; joints `at` [rad or m] stand still."""
 
     base: str | None = None
     tip: str | None = None

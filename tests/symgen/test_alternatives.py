@@ -16,7 +16,7 @@ from scipy.linalg import null_space
 from symgen.alternatives import given, grid_steps, gridded, triangular
 from symgen.basis import Factoring, factor
 from symgen.cells import Cells, Rows
-from symgen.chain import PRISMATIC, REVOLUTE, Chain
+from symgen.chain import PRISMATIC, REVOLUTE, Chain, Inertia, Joint
 from symgen.cli import main
 from symgen.errors import NoPlanError, PlanError
 from symgen.feasible import Feasible
@@ -268,6 +268,7 @@ def test_postures_are_read_from_csv_json_and_plans(tmp_path: Path) -> None:
         ("joint3,0,0,0\nwrist,0,0,0\n", "line 2: joint 'wrist' at 3 values"),
         ("joint3,0,zero,0\n", "line 1: '0,zero,0' are not all numbers"),
         ("joint3,0,nan,0\n", "at 3 finite numbers"),
+        ("joint3,0,1e300,0\n", "line 1: joint 'joint3' at 3 values; .* at 3 finite numbers up to 1e.06"),
         ("joint3;0;0;0\n", "line 1: joint 'joint3;0;0;0' at 0 values"),
         ("[", "not a file of postures: JSONDecodeError"),
         ("{}", "not a file of postures: KeyError 'plan'"),
@@ -346,9 +347,42 @@ def test_the_amplification_of_what_is_determined_is_that_of_linear_propagation()
     assert design.amplification[2] == pytest.approx(1.0, rel=1e-9)
 
 
+def points(slide: bool) -> Chain:
+    """A point of 2 kg on a boom that turns about z and tilts about y, or on a slide: J_11 is 0 where it is on z."""
+    boom, point = Inertia(1.0, np.zeros(3), np.zeros((3, 3))), Inertia(2.0, np.array([0.5, 0, 0]), np.zeros((3, 3)))
+    kind, axis, body = (
+        (PRISMATIC, [1, 0, 0], replace(point, com=np.zeros(3))) if slide else (REVOLUTE, [0, 1, 0], point)
+    )
+    first = Joint("turn", REVOLUTE, np.eye(3), np.zeros(3), np.array([0, 0, 1]), "boom", boom)
+    return Chain(
+        "points", (first, Joint("out", kind, np.eye(3), np.zeros(3), np.array(axis), "point", body)), "a", "point"
+    )
+
+
+@pytest.mark.parametrize(("slide", "on_axis"), [(False, np.pi / 2), (True, 0.0)])
+def test_a_posture_without_inertia_hides_no_other(slide: bool, on_axis: float) -> None:
+    """There the least of errors is expected, and a row of weight 1e33, or 0/0, hid all other cells."""
+    factoring = factor(points(slide))
+    rows, q = rows_of(factoring), np.array([[0, 0.3], [0, on_axis], [0, 0.9], [0, 0.4]])
+    cells = Cells(np.array([1, 0, 0, 0]), q)
+    assert undetermined(rows, cells) == (factoring.d, ()) and factoring.d == (3 if slide else 4)
+    few = judged(rows, cells[:2], np.zeros(2, dtype=bool))
+    assert np.isnan(few.amplification[0]) and few.amplification[1] == pytest.approx(1.0)
+    assert np.isfinite(plan(factoring, factoring, effort="draft").amplification).all()
+
+
+def test_a_joint_without_cells_has_no_conditioning() -> None:
+    """The mass on the slide is seen from the turning joint."""
+    cells = Cells(np.zeros(3, dtype=int), np.array([[0, -0.5], [0, 0.1], [0, 0.5]]))
+    design = judged(rows_of(factor(points(True))), cells, np.zeros(3, dtype=bool))
+    assert np.isfinite(design.cond[0]) and np.isnan(design.cond[1])
+
+
 def test_own_postures_that_can_not_be_held_are_named() -> None:
     cells = cells_at([(0, 0, 0), (0, 160, 0), (1, 90, -150)])
     assert infeasible(own("ypp3"), cells, None) == {1: "joint2 beyond its limits", 2: "joint3 beyond its limits"}
+    joints = [replace(one, upper=np.inf, lower=-np.inf) for one in own("ypp3").joints]
+    assert infeasible(replace(own("ypp3"), joints=tuple(joints)), cells, None) == {}, "no limit, nothing beyond it"
 
 
 def test_why_a_posture_can_not_be_held_is_told() -> None:
@@ -418,3 +452,11 @@ def test_what_can_not_be_had_is_one_line(
 ) -> None:
     found, out, err = said(capsys, REPOSITORY / "robots/ypp3_general/ypp3_general.urdf", *words)
     assert (found, out) == (status, "") and message in err and err.count("\n") == 1
+
+
+def test_an_interruption_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("symgen.request.plan_for", stop)
+    assert said(capsys, YPP3) == (130, "", "symgen: interrupted\n")

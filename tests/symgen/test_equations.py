@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +16,16 @@ from arms import arm, crba, factoring_of, model_of, random_arm
 
 from symgen.basis import Factoring, factor
 from symgen.chain import Chain, Joint, Snap
-from symgen.equations import equations_md, equations_tex
+from symgen.equations import document
 from symgen.notation import alpha_latex, angle_subscript, entry_text, terms
+from symgen.typeset import latex, markdown
 
 #: Coefficients are printed with six significant digits.
 SIX_DIGITS = 5e-6
+
+
+def equations_md(factoring: Factoring, plan: Mapping[str, Any] | None = None) -> str:
+    return markdown(document(factoring, plan))
 
 
 def displays(md: str) -> list[str]:
@@ -118,11 +125,27 @@ def test_opposite_parallel_axes_subtract() -> None:
     assert max(errors_of_print(factoring, md, 1).values()) < SIX_DIGITS
 
 
+def test_every_sum_of_angles_that_is_printed_is_explained() -> None:
+    """Yaw, then three pitch joints, the second of which turns the other way."""
+    yaw, pitch, elbow = arm("ypp3").joints
+    flipped = replace(elbow, name="flipped", axis=-elbow.axis)
+    chain = replace(arm("ypp3"), joints=(yaw, pitch, flipped, replace(elbow, name="wrist")))
+    factoring = factor(chain, believe_zeros=True)
+    md = equations_md(factoring)
+    printed = set(re.findall(r"[cs](_\{[\d+-]+\})", md))
+    assert printed == {"_{2-3}", "_{2-3+4}", "_{3-4}"}
+    for subscript in printed:
+        cosine = re.sub(r"(\d)", r" q_\1", subscript[2:-1]).replace("-", " -").replace("+", " +").strip()
+        assert f"$c{subscript}$ is $\\cos({cosine})$." in md
+    assert max(errors_of_print(factoring, md, 1).values()) < SIX_DIGITS
+
+
 def test_subscripts_of_ten_joints_stay_readable() -> None:
     assert [entry_text(9, 0, 8), entry_text(10, 0, 1), entry_text(12, 0, 11)] == ["J_19", "J_1_2", "J_1_12"]
     assert angle_subscript(((8, 1), (9, 1))) == "_{9+10}"
     assert angle_subscript(((8, 1), (9, -1))) == "_{9-10}"
-    assert angle_subscript(((1, 1), (2, 1), (3, -1))) == "_{23-4}"
+    assert angle_subscript(((1, 1), (2, 1), (3, -1))) == "_{2+3-4}"
+    assert angle_subscript(((1, 1), (2, 1), (3, 1))) == "_{234}"
     assert alpha_latex("alpha_1_10") == r"\alpha_{1,10}"
     assert alpha_latex("alpha_1x2_3") == r"\alpha_{1 \times 2,3}"
 
@@ -157,9 +180,17 @@ def test_the_plan_is_listed() -> None:
         {"joint": "joint3", "q": [0.0, 0.0, 0.0], "spare": False},
         {"joint": "joint1", "q": [0, 1.25, -2], "spare": True},
     ]
-    md = equations_md(factoring_of("ypp3", True), {"plan": {"measurements": 6, "spare": 2, "cells": cells}})
+    plan: dict[str, Any] = {"measurements": 6, "spare": 2, "cells": cells, "rank": 6, "open": [], "infeasible": []}
+    md = equations_md(factoring_of("ypp3", True), {"plan": plan})
     assert "6 measurements determine the 6 constants of the diagonal; 2 more" in md
-    assert "| `joint1` | spare | 0, 1.25, -2 |" in md
+    assert "| `joint1` | spare | 0, 1.25, -2 |" in md and "Open" not in md and "can not be held" not in md
+
+    refused = [{"cell": 2, "joint": "joint1", "why": "a|b beyond its limits"}]
+    short = plan | {"measurements": 5, "rank": 5, "open": ["alpha_12", "alpha_13"], "infeasible": refused}
+    md = equations_md(factoring_of("ypp3", True), {"plan": short})
+    assert "5 measurements determine 5 combinations of the 6 constants of the diagonal; 2 more" in md
+    assert r"Open stay $\alpha_{12}$, $\alpha_{13}$." in md
+    assert "Posture 2 (`joint1`) can not be held: `a b beyond its limits`." in md
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
@@ -197,7 +228,7 @@ def test_names_can_not_break_the_markdown() -> None:
 
 @pytest.mark.parametrize("name", ["ypp3", "panda", "hostile"])
 def test_the_article_is_ascii_and_balanced(name: str) -> None:
-    tex = equations_tex(factor(hostile_arm()) if name == "hostile" else factoring_of(name))
+    tex = latex(document(factor(hostile_arm()) if name == "hostile" else factoring_of(name)))
     assert tex.isascii()
     depth = 0
     for character in re.sub(r"\\[\\{}]", "", tex):
@@ -219,7 +250,7 @@ def test_the_article_is_ascii_and_balanced(name: str) -> None:
 @pytest.mark.parametrize("name", ["ypp3", "hostile"])
 def test_the_article_compiles(name: str, tmp_path: Path) -> None:
     factoring = factor(hostile_arm()) if name == "hostile" else factoring_of(name, True)
-    (tmp_path / "equations.tex").write_text(equations_tex(factoring), encoding="ascii")
+    (tmp_path / "equations.tex").write_text(latex(document(factoring)), encoding="ascii")
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "equations.tex"]
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
     assert run.returncode == 0, run.stdout[-2000:]

@@ -24,6 +24,13 @@ def test_a_box_keeps_a_margin_and_the_rest_lies_in_it() -> None:
     assert home(inner) == pytest.approx([0.0, 0.55, 0.1, -1.5], abs=1.01 * ROUNDING)
 
 
+def test_a_range_that_holds_no_round_number_is_not_left() -> None:
+    limits = np.array([[1.00003, 1.00006], [-3.0, 3.0], [-3.0, 3.0]])
+    holding = Holding(arm("ypp3"), box(limits), None)
+    _, placed = holding.placed(Cells(np.array([0, 2]), np.array([[1.00004, 0.12344, 0.1], [1.00004, 2.0, 0.1]])))
+    assert placed.q == pytest.approx(np.array([[1.000045, 0.1234, 0.1], [1.000045, 0.0, 0.0]]), abs=1e-12)
+
+
 def test_without_a_test_all_cells_may_be_run_and_what_does_not_matter_rests() -> None:
     holding = Holding(arm("ur5"), box(arm("ur5").limits), None)
     cells = some("ur5", [0, 1, 2, 3, 4, 5])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from symgen.basis import degrees
 from symgen.chain import PRISMATIC, REVOLUTE, Chain
 from symgen.inertia import LOW_DEGREE, angles, derive, length_scale, monomials, parameter_scale
-from symgen.kinematics import inertia_matrix, phi_rows
+from symgen.kinematics import inertia_matrix, torque_rows
 
 #: Both sides add up at most some hundred numbers no larger than the largest entry of J, in another order.
 ROUNDING = 1e-12
@@ -152,7 +152,8 @@ def test_a_row_over_the_parameters_is_the_polynomial_evaluated() -> None:
     q = postures(chain, 4)
     for i, j in [(0, 0), (0, 2), (1, 2)]:
         entry = derive(chain, i, j)
-        rows = phi_rows(chain, q, i, j)
+        pushed = np.broadcast_to(np.eye(3)[j], q.shape)  # J e_j are the torques of a unit acceleration of joint j
+        rows = torque_rows(chain, q, np.zeros(q.shape), pushed, np.zeros(3))[:, i]
         assert np.abs(monomials(entry, q) @ entry.A - rows).max() <= ROUNDING * np.abs(rows).max()
 
 

@@ -152,6 +152,10 @@ def broken(change: Callable[[dict[str, Any]], object]) -> Callable[[str], str]:
         ),
         (broken(lambda d: d["plan"]["cells"][7].update(q=[0.0, 1.0])), "cell 8: .* q of 2; .* at 3 finite numbers"),
         (broken(lambda d: d["plan"]["cells"][0].update(q=[0.0, float("nan"), 1.0])), "cell 1: .* at 3 finite numbers"),
+        (
+            broken(lambda d: d["plan"]["cells"][0].update(q=[0.0, 1e300, 1.0])),
+            "cell 1: .* at 3 finite numbers up to 1e.06",
+        ),
     ],
 )
 def test_a_file_that_is_no_plan_of_this_arm_is_refused_in_one_line(

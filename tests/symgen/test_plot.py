@@ -17,7 +17,7 @@ from chains import REPOSITORY, general_chain, own, postures
 from symgen.chain import Chain, Inertia
 from symgen.cli import main
 from symgen.plan import Cell, make_model, make_plan
-from symgen.plot import draw, stick
+from symgen.plot import draw, is_drawing, stick
 
 SVG = "{http://www.w3.org/2000/svg}"
 YPP3 = REPOSITORY / "robots/ypp3/ypp3.urdf"
@@ -164,6 +164,7 @@ def test_the_command_writes_one_file(
     assert capsys.readouterr().out.splitlines() == ["arm_plan.svg", "mine.svg"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["arm_plan.svg", "mine.svg"]
     assert Path("arm_plan.svg").read_bytes() == Path("mine.svg").read_bytes()
+    assert is_drawing(Path("mine.svg").read_bytes()) and not is_drawing(YPP3.read_bytes())
     assert len([name for name in ids(Path("mine.svg").read_text()) if name.startswith("cell-")]) == 8
 
 
@@ -195,9 +196,13 @@ def test_a_plan_without_its_amplification_is_refused(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     document = json.loads((folder / "plan.json").read_text())
-    for wrong in ([1.0], "high", [1.0, "x", 1.0]):
+    for wrong in ([1.0], "high", [1.0, "x", 1.0], [1.0, float("inf"), 1.0], [1.0, 1.0, float("nan")]):
         document["plan"]["amplification_per_joint"] = wrong
         (tmp_path / "plan.json").write_text(json.dumps(document))
         assert main(["plan", str(tmp_path), str(YPP3), "--plot", "-o", str(tmp_path / "p.svg")]) == 2
         assert "amplification_per_joint: expected 3 numbers" in capsys.readouterr().err
         assert not (tmp_path / "p.svg").exists()
+    document["plan"] |= {"amplification_per_joint": [1.0, 1.0, 1.0], "cells": []}
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    assert main(["plan", str(tmp_path), str(YPP3), "--plot", "-o", str(tmp_path / "p.svg")]) == 2
+    assert "plan.json: cells: none to draw" in capsys.readouterr().err

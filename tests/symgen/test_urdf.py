@@ -18,7 +18,7 @@ from arms import model_of
 from symgen.angles import about
 from symgen.chain import REVOLUTE, Chain, Joint
 from symgen.errors import UrdfError
-from symgen.urdf import load_chain, parse_chain, with_arm
+from symgen.urdf import load_chain, parse_chain, turned, with_arm
 
 ROBOTS = Path(pin.__file__).parents[4] / "share/example-robot-data/robots"
 YPP3 = Path(__file__).parents[2] / "robots/ypp3/ypp3.urdf"
@@ -329,6 +329,7 @@ def test_a_chain_carries_its_source_and_that_reads_back_the_same() -> None:
         (robot("j revolute a b"), {}),
         (robot("one revolute a b", "two revolute b c", "three revolute c d"), {"at": {"two": 0.3}}),
         (robot("one revolute a b", "two revolute b c", "three revolute c d"), {"base": "b", "tip": "c"}),
+        (robot("one revolute a b", "two revolute b c", "three revolute c d"), {"base": "b", "at": {"one": 0.2, "three": 0.1}}),
         (robot("left revolute a b", "right revolute a c"), {"tip": "c", "at": {"left": -0.25}}),
         (robot("free floating world a", "one revolute a b", "two prismatic b c"), {"base": "a"}),
         (robot("one revolute a b", "two revolute b c").replace('"two"', '"two &amp; &quot;\'"'), {"at": {"two & \"'": 0.2}}),
@@ -352,6 +353,40 @@ def test_who_chooses_an_arm_himself_is_heard() -> None:
     assert parse_chain(text, tip="c").names == ("one", "two")
     with pytest.raises(UrdfError, match="<symgen>: <at>: found .much."):
         parse_chain(text.replace('value="0.3"', 'value="much"'))
+
+
+def test_what_a_caller_leaves_open_is_as_the_text_means_it() -> None:
+    text = with_arm(parse_chain(robot(*arm(5), "side revolute l2 s"), base="l1", tip="l4", at={"j3": 0.3, "side": 0.1}))
+
+    def read(**choice: Any) -> tuple[str, tuple[str, ...], dict[str, float]]:
+        chain = parse_chain(text, **choice)
+        return chain.base_link, chain.names, chain.frozen
+
+    assert read() == ("l1", ("j2", "j4"), {"j3": 0.3, "j5": 0.0, "side": 0.1})
+    assert read(at={"j4": 0.2}) == ("l1", ("j2",), {"j3": 0.3, "j4": 0.2, "j5": 0.0, "side": 0.1})
+    assert read(at={"j3": 0.2}) == ("l1", ("j2", "j4"), {"j3": 0.2, "j5": 0.0, "side": 0.1})
+    # who names an end of the arm means its joints to move
+    assert read(tip="l3") == ("l1", ("j2", "j3"), {"j4": 0.0, "j5": 0.0, "side": 0.1})
+    assert read(base="l2") == ("l2", ("j3", "j4"), {"j5": 0.0, "side": 0.1})
+    assert read(base="l4") == ("l4", ("j5",), {"j3": 0.3}), "its tip is not behind this base"
+    assert read(tip="l1") == ("l0", ("j1",), {"j2": 0.0, "j3": 0.3, "j4": 0.0, "j5": 0.0, "side": 0.1})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_vector_is_turned_from_one_link_to_another_as_pinocchio_does(seed: int) -> None:
+    text, tip, values = random_tree(np.random.default_rng(seed))
+    last = parse_chain(text, tip=tip).names[-1]  # it alone moves: all others stand before it, or beside
+    base = re.search(rf'name="{last}".*?<parent link="(l\d+)"', text)
+    assert base
+    chain = parse_chain(text, base=base[1], tip=tip, at={name: q for name, q in values.items() if name != last})
+    model, v = pin.buildModelFromXML(text), np.array([0.3, -0.5, 0.8])
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, configuration(model, chain.frozen))
+    root, first, other = (np.array(data.oMf[model.getFrameId(link)].rotation) for link in ("l0", base[1], "l3"))
+    assert turned(chain, v) == pytest.approx(first.T @ root @ v, abs=ROUNDING)
+    assert turned(chain, v, "l3") == pytest.approx(first.T @ other @ v, abs=ROUNDING)
+    with pytest.raises(UrdfError, match="base link 'l99' does not exist"):
+        turned(chain, v, "l99")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1", "windows-1252"])
