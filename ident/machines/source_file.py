@@ -20,6 +20,12 @@ JITTER = 0.25
 _CLOCKS = ("header/stamp", "log_time")
 
 
+def in_words(source: str, files: Sequence[str | Path]) -> str:
+    """Where records come from: a map's words and the files' names, with "?" for what is no text in these."""
+    names = ", ".join(Path(file).name for file in files)
+    return f"{source}; files {names}".encode("utf-8", "replace").decode()
+
+
 @dataclass(frozen=True)
 class SourceFile:
     """One file as read, and how it was recorded."""
