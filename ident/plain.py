@@ -26,8 +26,13 @@ def plain(value: Any) -> Any:
     return value
 
 
+def as_text(text: str) -> str:
+    """The text with "?" for what UTF-8 lacks: bytes of a file's name that are no text."""
+    return text.encode("utf-8", "replace").decode()
+
+
 def storable(text: str) -> bool:
-    """Whether a file can hold the text: no null characters, nothing that UTF-8 lacks (bytes of a file's name that are no text)."""
+    """Whether a file can hold the text: no null characters, and nothing that UTF-8 lacks."""
     return re.search("[\0\ud800-\udfff]", text) is None
 
 
