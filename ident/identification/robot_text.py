@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import copysign
+from typing import Any
 
 from ident.identification.identified import Identified
 from ident.toml_text import key, quoted
@@ -66,7 +67,8 @@ def robot_toml(
 
 def _taken(drive: Drive, note: str) -> tuple[Drive, str]:
     """The nearest drive that robot.toml takes, and the note with what is another number in it."""
-    changed, notes = {}, [note] if note else []
+    changed: dict[str, Any] = {}
+    notes = [note] if note else []
     for name, (low, high) in _TAKEN.items():
         value = getattr(drive, name)
         near = copysign(min(max(abs(value), low), high), value) if name == "N" else min(max(value, low), high)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ident.errors import IdentError
-from ident.records.campaign import Array, Campaign, is_copy
+from ident.records.campaign import Campaign, is_copy
 from ident.records.store import read_campaign
 
 #: What a campaign declares of its drives, as far as it is known.
@@ -52,9 +52,9 @@ def _robot(c: Campaign) -> tuple[Any, ...]:
     return c.urdf, c.joints, c.fs, c.hold, c.N.tolist(), c.gravity.tolist()
 
 
-def _drives(first: Campaign, other: Campaign, path: str | Path) -> dict[str, Array]:
+def _drives(first: Campaign, other: Campaign, path: str | Path) -> dict[str, Any]:
     """The declared numbers [n] of the drives in the files before and in that at `path`. IdentError where these are not the same ones."""
-    found = {}
+    found: dict[str, Any] = {}
     for name in _DATASHEET:
         ours, theirs = getattr(first, name), getattr(other, name)
         differ = np.abs(ours - theirs) > _ROUNDING * np.maximum(
