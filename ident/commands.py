@@ -147,23 +147,23 @@ def _doctor(options: argparse.Namespace) -> int:
 
 
 def _export_excitation(options: argparse.Namespace) -> int:
-    from ident.machines.playing import export_excitation
+    from ident.machines.playing import check_place, export_excitation
     from symgen.plan import chain_of_robot, load_plan_cells, make_model, plan_of_robot
     from symgen.robot import load_robot
 
     path = Path(options.plan)
     file = path / "plan.json" if path.is_dir() and not (path / "robot.toml").exists() else path
+    out = options.out or str((file if file.is_dir() else file.parent) / "play")
+    robot = load_robot(file if file.is_dir() else options.robot or file.parent)
+    check_place(robot, out)
     if file.is_dir():
-        robot = load_robot(file)
         plan = plan_of_robot(robot)
         model, cells = plan.model, plan.cells
     else:
-        robot = load_robot(options.robot or file.parent)
         model = make_model(chain_of_robot(robot), believe_zeros=robot.believe_zeros)
         cells = load_plan_cells(file, model)
     robot = record_options.shortened(robot, options)
     wanted = record_options.wanted(model, robot, cells, options)
-    out = options.out or str((file if file.is_dir() else file.parent) / "play")
     files = export_excitation(
         wanted.robot if wanted else robot, model.chain, cells, out, seed=options.seed, realisations=options.realisations,
         periods=wanted.periods if wanted else None, constants=dict(map(_constant, options.torque_constant)),

@@ -59,7 +59,7 @@ def add(command: NewCommand) -> None:
         "explained by an effect and fewer constants then)",
     )  # fmt: skip
     diagnose.add_argument(
-        "--minutes", type=_minutes, default=MINUTES, metavar="M",
+        "--minutes", type=_minutes, metavar="M",
         help=f"tell what was found so far once the search has taken so long (default {MINUTES:g}; inf: never)",
     )  # fmt: skip
     diagnose.add_argument("--brief", action="store_true", help="print the sentence, the errors and the effects only")
@@ -96,15 +96,16 @@ def _diagnosed(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     from ident.plain import replace_file
     from ident.records.inputs import joined, told
 
+    minutes = MINUTES if options.minutes is None else options.minutes
     campaign = joined(options.campaign)
     earlier = joined([options.baseline]) if options.baseline is not None else None
     begin = time.perf_counter()
-    found, notes = _search(campaign, earlier, options.believe_zeros, options.minutes, progress.line(options))
+    found, notes = _search(campaign, earlier, options.believe_zeros, minutes, progress.line(options))
     seconds = {"diagnose": time.perf_counter() - begin}
     out = Path(options.out)
     made_with = {
         "believe_zeros": options.believe_zeros,
-        "minutes": options.minutes if isfinite(options.minutes) else None,
+        "minutes": minutes if isfinite(minutes) else None,
         "baseline": told([options.baseline]) if earlier else None,
         "out": str(out),
     }
@@ -130,8 +131,9 @@ def _log_diagnosed(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     file = options.campaign[0]
     if len(options.campaign) > 1 or options.baseline is not None:
         raise IdentError(f"{file}: a log of trajectories is diagnosed by itself; import all of them into one file")
-    if options.believe_zeros is not None:
-        raise IdentError(f"{file}: a log of trajectories; expected no --believe-zeros, which goes with campaigns")
+    for option, value in (("--believe-zeros", options.believe_zeros), ("--minutes", options.minutes)):
+        if value is not None:
+            raise IdentError(f"{file}: a log of trajectories; expected no {option}, which goes with campaigns")
     begin = time.perf_counter()
     found = diagnose_log(read_log(file), progress.line(options))
     seconds = {"diagnose": time.perf_counter() - begin}

@@ -1,8 +1,9 @@
-"""Numbers as JSON has them, and files that are complete or not there."""
+"""Numbers as JSON has them, texts as files have them, and files that are complete or not there."""
 
 from __future__ import annotations
 
 import os
+import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,16 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
+
+
+def as_text(text: str) -> str:
+    """The text with "?" for what UTF-8 lacks: bytes of a file's name that are no text."""
+    return text.encode("utf-8", "replace").decode()
+
+
+def storable(text: str) -> bool:
+    """Whether a file can hold the text: no null characters, and nothing that UTF-8 lacks."""
+    return re.search("[\0\ud800-\udfff]", text) is None
 
 
 def replace_file(path: Path, text: str) -> None:

@@ -11,6 +11,6 @@ def key(name: str) -> str:
 
 
 def quoted(text: str) -> str:
-    """The text as a TOML string of one line."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    """The text as a TOML string of one line, with "?" for what UTF-8 lacks."""
+    escaped = text.encode("utf-8", "replace").decode().replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'

@@ -19,7 +19,7 @@ from ident.joint.start import START_DAMPING
 from ident.records.campaign import Array, Campaign
 from symgen.chain import PRISMATIC
 from symgen.plan import Model, model_of_urdf
-from symgen.robot import Drive, Experiment, Robot
+from symgen.robot import MOST_SAMPLES, Drive, Experiment, Robot
 
 FORMAT, VERSION = "identified-arm", 1
 #: The file of this name in a result's directory.
@@ -261,11 +261,18 @@ def _torque_limit(campaign: Campaign, i: int, effort: float) -> float:
 
 
 def _experiment(campaign: Campaign) -> Experiment:
-    """The experiment as the records show it; what they do not show as usual."""
+    """The experiment as the records show it, in numbers that robot.toml takes: the band of a single line begins below it, and where records
+    are longer than it has them, periods are fewer and lines further apart. What records do not show is as usual."""
     if not campaign.records:
         return Experiment(fs=campaign.fs)
     first = campaign.records[0]
     low = min(float(record.lines.min()) * record.f0 for record in campaign.records)
     high = max(float(record.lines.max()) * record.f0 for record in campaign.records)
-    periods = max(2, *(record.periods for record in campaign.records))
-    return Experiment(fs=campaign.fs, band=(low, high), f0=first.f0, periods=periods)
+    samples, f0 = first.samples_per_period, first.f0
+    if 2 * samples > MOST_SAMPLES:
+        samples = int(MOST_SAMPLES) // 4
+        f0 = campaign.fs / samples
+        low, high = min(low, f0), max(high, f0)
+    low -= f0 / 2 if low == high else 0.0
+    periods = min(max(2, *(record.periods for record in campaign.records)), int(MOST_SAMPLES) // samples)
+    return Experiment(fs=campaign.fs, band=(low, high), f0=f0, periods=periods)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import copysign
+from typing import Any
+
 from ident.identification.identified import Identified
 from ident.toml_text import key, quoted
 from symgen.robot import Drive
@@ -14,6 +18,11 @@ IDENTIFIED = (
     "K, J_m, D and D_spring are identified. Encoders, torque limits and the experiment are as declared; where only records",
     "were at hand, as these show them: an encoder without visible steps has 2^20, a motor without a limit the largest torque.",
 )
+#: The least and the largest size that `symgen.robot` takes of a drive's numbers.
+_TAKEN = {
+    "N": (1e-3, 1e6), "J_m": (1e-12, 1e3), "K": (1e-3, 1e12), "D": (0.0, 1e9), "D_spring": (0.0, 1e9),
+    "encoder_counts": (1, 2**53 - 1), "tau_max": (1e-9, 1e6),
+}  # fmt: skip
 
 
 def robot_toml(
@@ -21,6 +30,7 @@ def robot_toml(
 ) -> str:
     """Returns robot.toml with the drives of `arm`, for `symgen.robot.load_robot`; its URDF is the file `urdf`.
 
+    A number of a drive that is beyond what robot.toml takes is the nearest that it does, which a comment says.
     `remark` is a comment on how the URDF's inertias relate to what was measured, `drives` one on the drives, line by line.
     """
     e = arm.experiment
@@ -50,9 +60,22 @@ def robot_toml(
         f"lock_pd_Hz = {_number(e.lock_pd)}",
         f"lock_dob_Hz = {_number(e.lock_dob)}",
     ]
-    for drive, note in zip(arm.drives, arm.notes, strict=True):
+    for drive, note in map(_taken, arm.drives, arm.notes):
         lines += ["", *([f"# {one_line(note)}"] if note else []), *_drive_lines(drive)]
     return "\n".join(lines) + "\n"
+
+
+def _taken(drive: Drive, note: str) -> tuple[Drive, str]:
+    """The nearest drive that robot.toml takes, and the note with what is another number in it."""
+    changed: dict[str, Any] = {}
+    notes = [note] if note else []
+    for name, (low, high) in _TAKEN.items():
+        value = getattr(drive, name)
+        near = copysign(min(max(abs(value), low), high), value) if name == "N" else min(max(value, low), high)
+        if near != value:
+            changed[name] = near
+            notes.append(f"{name} is {value:.6g}; {near:.6g} is the nearest that robot.toml takes")
+    return replace(drive, **changed), "; ".join(notes)
 
 
 def _drive_lines(drive: Drive) -> list[str]:

@@ -150,9 +150,9 @@ def seen(log: Log, model: Model, moved: Sequence[Moves]) -> Sight:
 
 
 def _cut(tau: Array) -> NDArray[np.bool_]:
-    """The samples at which a torque [T] is cut off."""
-    top = flat_top(tau)
-    return np.zeros(len(tau), dtype=bool) if top is None else tau == top[0]
+    """The samples at which a torque [T] is cut off, at either end."""
+    ends = [sign * top[0] for sign in (1.0, -1.0) if (top := flat_top(sign * tau)) is not None]
+    return np.isin(tau, ends)
 
 
 def _known(sight: Sight, log: Log) -> Sight:

@@ -33,7 +33,9 @@ def sentence(v: dict[str, Any]) -> str:
         grows = f"grows from {percent(e['before']['all'])} to {percent(e['after']['all'])}"
         return f"Something acts that nothing in the catalogue explains: with {_lacks(v)} the held-out error {grows}."
     fell = f"held out, {percent(e['before']['all'])} of the torques was left and {percent(e['after']['all'])} is"
-    return f"The declared arm lacks {_lacks(v)}; {fell}."
+    times = e["after"]["all"] / max(e["noise_floor"], 1e-300)
+    rest = f", {times:.2g} times the noise: that much is unexplained" if v["status"] == "unexplained" else ""
+    return f"The declared arm lacks {_lacks(v)}; {fell}{rest}."
 
 
 def _lacks(v: dict[str, Any]) -> str:

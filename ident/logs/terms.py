@@ -179,7 +179,7 @@ def _of_joint(
         yield term("torque-scale", lambda m: [load(m) + rotor * m.a[:, j]], lambda c: 1.0 / (1.0 + c) - 1.0)
     yield term("cable-stiffness", lambda m: [m.q[:, j], -np.ones(len(m.q))], _laid_out)
     periods = max(float(np.ptp(m.q[:, j])) for m in moved) * abs(N) / (2 * np.pi)
-    if not slides or N != 1.0:
+    if not slides or abs(N) != 1.0:  # a direct slide has no turns
         yield from map(ripple, (float(order) for order in ORDERS if order * periods > PERIODS))
     yield from curve("velocity", lambda m: m.v[:, j])
     yield from curve("position", lambda m: m.q[:, j])

@@ -14,7 +14,7 @@ from ident.machines.import_notes import signs, untold_gears
 from ident.machines.mapping import AUTO, MEASURED, JointMap, Map, Signal
 from ident.machines.readers import read_variables
 from ident.machines.sampling import sampling_rate
-from ident.machines.source_file import SourceFile
+from ident.machines.source_file import SourceFile, in_words
 from ident.records.campaign import Array, Campaign, Record
 from ident.records.periodic import find_lines, find_period
 
@@ -80,7 +80,7 @@ def import_files(mapping: Map, files: Sequence[str | Path]) -> Imported:
         J_m=np.array([joint.J_m for joint in mapping.joints]),
         K=np.array([joint.K for joint in mapping.joints]),
         gravity=np.array(mapping.gravity),
-        source=f"{said}; files {', '.join(path.name for path in paths)}",
+        source=in_words(said, paths),
         records=tuple(records),
     )
     return Imported(campaign, tuple(lines), tuple(notes))

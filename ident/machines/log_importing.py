@@ -11,7 +11,7 @@ import numpy as np
 from ident.machines.mapping import Map
 from ident.machines.readers import read_variables
 from ident.machines.sampling import CLOCK, rounded_rate, stamps
-from ident.machines.source_file import JITTER, SourceFile
+from ident.machines.source_file import JITTER, SourceFile, in_words
 from ident.records.log import Array, Log, Trajectory
 
 #: Time stamps further apart than this many samples leave a hole that nothing is interpolated over.
@@ -62,7 +62,7 @@ def import_log(mapping: Map, files: Sequence[str | Path]) -> ImportedLog:
         N=np.array([joint.N for joint in joints]),
         J_m=np.array([joint.J_m for joint in joints]),
         gravity=np.array(mapping.gravity),
-        source=f"{mapping.source}; files {', '.join(Path(path).name for path in files)}",
+        source=in_words(mapping.source, files),
         trajectories=tuple(runs),
         currents=tuple(currents),
     )

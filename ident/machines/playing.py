@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import IdentError
+from ident.plain import as_text, replace_file
 from ident.records.campaign import Array
 from ident.simulator.bench import design
 from ident.simulator.design import RAMP, Setup
@@ -24,6 +24,8 @@ FORMAT, VERSION = "frf-excitation", 1
 
 #: The files that are written, and their first line: torque of the excited motor, posture.
 _NAME, _HEAD = re.compile(r"\d{4,}\.csv"), re.compile(rb"t,(tau|i)_[\w.-]+(,q_[\w.-]+)+")
+#: How the map begins.
+_MAP = "# Record for every file of excitation/"
 
 _SERVO = (
     "e = theta - rest, w = (e - e_before) fs; z = a z_before + (1 - a) (u_before + dob J w), a = exp(-dob / fs); "
@@ -60,7 +62,7 @@ def export_excitation(
     if periods is not None:
         setups = [replace(setup, periods=count) for setup, count in zip(setups, periods, strict=True)]
     cells = [cell for cell in cells for _ in range(realisations)]
-    urdf = f"{robot.urdf.stem}.urdf"
+    urdf = _urdf(robot)
     texts = {
         urdf: text_of_arm(chain),
         "excitation.json": json.dumps(_document(robot, chain, cells, setups, constants), indent=1, ensure_ascii=False)
@@ -69,16 +71,31 @@ def export_excitation(
     }
     for k, setup in enumerate(setups):
         texts[f"excitation/{_id(k)}.csv"] = _csv(robot, chain, setup, constants)
-    (directory / "excitation").mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
-        path = directory / name
-        beside = path.with_name(f".{path.name}.part")
-        beside.write_text(text, encoding="utf-8")
-        os.replace(beside, path)
-    for path in (directory / "excitation").iterdir():
+        replace_file(directory / name, text)
+    for path in (directory / "excitation").glob("*.csv"):
         if f"excitation/{path.name}" not in texts and _exported(path):
             path.unlink()
     return tuple(directory / name for name in texts)
+
+
+def check_place(robot: Robot, directory: str | Path) -> None:
+    """Raises IdentError where the files would replace the robot's own URDF, to which they add which joints are the arm, or a map.toml that a
+    person wrote; one of an earlier export is written anew, whatever was changed in it since."""
+    urdf, mapping = Path(directory) / _urdf(robot), Path(directory) / "map.toml"
+    try:
+        own = urdf.exists() and urdf.samefile(robot.urdf)
+        foreign = mapping.is_file() and not mapping.read_bytes().startswith(_MAP.encode())
+    except OSError as error:
+        raise IdentError(f"{directory}: cannot be read: {error.strerror}") from None
+    if own or foreign:
+        what = f"{urdf}: the robot's own URDF" if own else f"{mapping}: a map that was not exported"
+        raise IdentError(f"{what}, which what is to be played would replace; choose another directory")
+
+
+def _urdf(robot: Robot) -> str:
+    """The name of the URDF beside what is played."""
+    return as_text(f"{robot.urdf.stem}.urdf")
 
 
 def torque_column(chain: Chain, joint: str, constants: Mapping[str, float]) -> str:
@@ -182,7 +199,7 @@ def _map(
     """map.toml; it asks for the periods of each record where these are `asked` for, else for all that were recorded."""
     e, labels = robot.experiment, _labels(chain)
     rows = [
-        "# Record for every file of excitation/ a CSV of the same name: a column t [s], and for every joint the torque command",
+        f"{_MAP} a CSV of the same name: a column t [s], and for every joint the torque command",
         "# and the motor angle, motor side, from the first sample of the ramp on. Then, where the records are:",
         "# ident import --map map.toml 0001.csv 0002.csv .. -o campaign.h5",
         "",

@@ -57,6 +57,10 @@ _DAMAGE = (
 )  # fmt: skip
 
 _MAT73 = b"MATLAB 7.3"
+#: What MATLAB 7.3 keeps of a complex number.
+_COMPLEX = ("real", "imag")
+#: What kinds of numpy's are that are no real numbers, in words; the rest is text.
+_OTHERS = {"c": "complex", "O": "a cell array or an array of structs", "V": "a table of several fields"}
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MCAP = b"\x89MCAP"
 
@@ -199,7 +203,8 @@ def _numbers(value: Any) -> Array | str:
     except ValueError:
         return "a cell array of different shapes"
     if array.dtype.kind not in "biuf":
-        return {"c": "complex", "O": "a cell array or an array of structs"}.get(array.dtype.kind, "text")
+        kind = "c" if array.dtype.names == _COMPLEX else array.dtype.kind
+        return _OTHERS.get(kind, "text")
     if array.size == 0:
         return "empty"
     array = array.squeeze()

@@ -11,6 +11,7 @@ import numpy as np
 from ident.errors import ImportingError
 from ident.machines.mapping import JointMap, RecordMap, Signal
 from ident.machines.readers import Variables, transposed
+from ident.plain import as_text
 from ident.records.campaign import Array, Record, is_copy
 from ident.records.log import Trajectory
 
@@ -18,6 +19,12 @@ from ident.records.log import Trajectory
 JITTER = 0.25
 #: What tells when a message of a topic was taken, the better first: by its sender, by the recorder.
 _CLOCKS = ("header/stamp", "log_time")
+
+
+def in_words(source: str, files: Sequence[str | Path]) -> str:
+    """Where records come from: a map's words and the files' names, with "?" for what is no text in these."""
+    names = ", ".join(Path(file).name for file in files)
+    return as_text(f"{source}; files {names}")
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from ident.errors import CampaignError, message, short
+from ident.plain import storable
 from ident.records.campaign import HOLDS, Array, Campaign, Record
+from ident.records.log import STORABLE
 
 #: Signals that a record may lack.
 OPTIONAL = ("omega", "q_link")
@@ -29,6 +31,7 @@ def check_campaign(c: Campaign, where: str) -> None:
             raise CampaignError(f"{where}: /: robot/joint_names: the URDF has no moving joint {name!r}; it has {known}")
     rules = (
         ("robot/joint_names", c.joints, n > 0 and len(set(c.joints)) == n, "at least one, all different"),
+        ("source", c.source, storable(c.source), STORABLE),
         ("hold", c.hold, c.hold in HOLDS, " or ".join(HOLDS)),
         ("fs_hz", c.fs, 0 < c.fs < np.inf, "a finite number > 0"),
         ("drive/gear_ratio", c.N, _finite(c.N, (n,)) and np.all(c.N != 0), "n finite numbers other than 0"),
@@ -44,7 +47,7 @@ def check_campaign(c: Campaign, where: str) -> None:
     _require(rules, f"{where}: /")
     ids = [record.id for record in c.records]
     for k, id in enumerate(ids):
-        if not id or "/" in id or id == "." or (k and id <= ids[k - 1]):
+        if not id or "/" in id or id == "." or not storable(id) or (k and id <= ids[k - 1]):
             raise CampaignError(
                 f"{where}: /experiments: id {id!r}; expected names without '/', ascending in the order of recording"
             )
@@ -122,12 +125,17 @@ def damping(c: Campaign) -> tuple[tuple[str, Array], ...]:
     return (("damping", c.D), ("spring_damping", c.D_spring))
 
 
+class _Plain(ET.TreeBuilder):
+    """XML of a text that says it all: no document type declares anything beside it."""
+
+    def doctype(self, *_: object) -> None:
+        raise ValueError("found a document type declaration, expected plain URDF")
+
+
 def _urdf_limits(urdf: str, where: str) -> dict[str, tuple[float, float]]:
     """(lower, upper) of every moving joint of a URDF, infinite where it states none."""
-    if "<!DOCTYPE" in urdf or "<!ENTITY" in urdf:
-        raise CampaignError(f"{where}: found a document type declaration, expected plain URDF")
     try:
-        root = ET.fromstring(urdf)
+        root = ET.fromstring(urdf, ET.XMLParser(target=_Plain()))
         joints = [joint for joint in root.findall("joint") if joint.get("type") in _MOVING]
         return {joint.get("name", ""): _limits(joint) for joint in joints}
     except (ET.ParseError, ValueError) as error:

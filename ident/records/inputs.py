@@ -9,16 +9,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ident.errors import IdentError
 from ident.records.campaign import Campaign, is_copy
 from ident.records.store import read_campaign
 
+#: What a campaign declares of its drives, as far as it is known.
+_DATASHEET = ("J_m", "K", "D", "D_spring")
+#: By so much [relative] two ways of writing one number differ.
+_ROUNDING = 1e-9
+
 
 def joined(paths: Sequence[str | Path]) -> Campaign:
-    """Returns all records of the campaigns at `paths`; those of later ones have their file's name before their own.
+    """Returns all records of the campaigns at `paths`; those of later ones have their file's name before their own. What one file does not
+    know of a drive another may.
 
-    IdentError for campaigns that are not of one robot, as its URDF, joints, gears, gravity, sampling and hold say, or that share a record:
-    its copy would choose, or report, what it has fitted.
+    IdentError for campaigns that are not of one robot, as its URDF, joints, gears, gravity, sampling, hold and drives say, or that share a
+    record: its copy would choose, or report, what it has fitted.
     """
     first, *others = (read_campaign(path) for path in paths)
     records, stems = list(first.records), {Path(paths[0]).stem}
@@ -28,6 +36,7 @@ def joined(paths: Sequence[str | Path]) -> Campaign:
                 f"{path}: another URDF, gear, gravity, sampling or hold than {paths[0]}; expected campaigns of one robot, or "
                 "diagnose it by itself"
             )
+        first = replace(first, **_drives(first, other, path))
         stem = Path(path).stem if Path(path).stem not in stems else f"{Path(path).stem}-{k}"
         stems.add(stem)
         copies = [(record.id, one.id) for record in other.records for one in records if is_copy(record, one)]
@@ -41,6 +50,24 @@ def joined(paths: Sequence[str | Path]) -> Campaign:
 
 def _robot(c: Campaign) -> tuple[Any, ...]:
     return c.urdf, c.joints, c.fs, c.hold, c.N.tolist(), c.gravity.tolist()
+
+
+def _drives(first: Campaign, other: Campaign, path: str | Path) -> dict[str, Any]:
+    """The declared numbers [n] of the drives in the files before and in that at `path`. IdentError where these are not the same ones."""
+    found: dict[str, Any] = {}
+    for name in _DATASHEET:
+        ours, theirs = getattr(first, name), getattr(other, name)
+        differ = np.abs(ours - theirs) > _ROUNDING * np.maximum(
+            np.abs(ours), np.abs(theirs)
+        )  # never where one is unknown
+        if differ.any():
+            j = int(np.argmax(differ))
+            raise IdentError(
+                f"{path}: {first.joints[j]}: {name} = {theirs[j]:g}, in the files before {ours[j]:g}; expected campaigns of one "
+                "robot, or diagnose it by itself"
+            )
+        found[name] = np.where(np.isnan(ours), theirs, ours)
+    return found
 
 
 def told(paths: Sequence[str | Path]) -> dict[str, Any]:

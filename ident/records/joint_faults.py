@@ -44,7 +44,8 @@ _LINES = 60  # at most, from which a response is judged
 @dataclass(frozen=True, eq=False)
 class Look:
     """Record r as these tests see it: mean link angle `rest` [n] and torque `load` [n, joint side], spectra at `f` [L, Hz] of
-    torques and angles [L, n], the declared J(q) [n, n], and what the excited motor of the declared arm would do, `expected` [L] (NaN: not known)."""
+    torques and angles [L, n], the declared J(q) [n, n], and what the excited motor of the declared arm would do, `expected` [L] (NaN: not known). Joints move by
+    `units` [n], rad or m."""
 
     record: Record
     index: int
@@ -55,6 +56,7 @@ class Look:
     theta: Complex
     J: Array
     expected: Complex
+    units: tuple[str, ...]
 
 
 def observe(campaign: Campaign, model: Model, record: Record) -> Look:
@@ -69,8 +71,9 @@ def observe(campaign: Campaign, model: Model, record: Record) -> Look:
     tau_f, theta_f = (np.fft.rfft(x, axis=0)[lines] * (2 / S) for x in (tau, theta))
     J = model.J_cad(record.posture)
     expected = _expected(campaign, J, record, f, tau_f, theta_f)
+    units = tuple("m" if model.chain.slides(j) else "rad" for j in range(campaign.n))
     return Look(
-        record, i, theta.mean(axis=0) / campaign.N, tau.mean(axis=0) * campaign.N, f, tau_f, theta_f, J, expected
+        record, i, theta.mean(axis=0) / campaign.N, tau.mean(axis=0) * campaign.N, f, tau_f, theta_f, J, expected, units
     )
 
 
@@ -153,10 +156,10 @@ def at_rest(campaign: Campaign, looks: list[Look], j: int) -> list[Fault]:
         return [named]
     if np.count_nonzero(away) <= max(1, len(looks) // 2) and len(looks) > 1:
         return [
-            _elsewhere(name, look, error) for look, error in zip(looks, errors, strict=True) if abs(error) > AT_REST
+            _elsewhere(name, look, j, error) for look, error in zip(looks, errors, strict=True) if abs(error) > AT_REST
         ]
     line = (
-        f"{name}: its mean angles lie up to {np.abs(errors).max():.3g} rad from the declared postures, and no sign, unit or "
+        f"{name}: its mean angles lie up to {np.abs(errors).max():.3g} {looks[0].units[j]} from the declared postures, and no sign, unit or "
         "gear ratio explains it: check theta, posture and the encoder's zero"
     )
     return [Fault("angles do not fit the postures", name, "", line, REFUSE)]
@@ -249,18 +252,20 @@ def _named_at(campaign: Campaign, looks: list[Look], j: int, q: Array) -> Fault 
             remedy = "correct the gear ratio, or check the unit and encoder_counts_per_rev"
         return Fault("wrong gear ratio", name, "", f"{name}: at rest {what}: {remedy}", REFUSE)
     if len(looks) > 1 and left <= EXPLAINED:
+        unit = looks[0].units[j]
+        motor = unit if abs(N) == 1 else "rad"  # a motor that slides itself reads metres
         line = (
-            f"{name}: its encoder's zero is off by {offset:.4g} rad (joint side) in all records: subtract {offset * N:.5g} rad from "
+            f"{name}: its encoder's zero is off by {offset:.4g} {unit} (joint side) in all records: subtract {offset * N:.5g} {motor} from "
             "theta, or correct the postures: J(q) is read at the declared ones"
         )
         return Fault("encoder zero", name, "", line, REFUSE)
     return None
 
 
-def _elsewhere(name: str, look: Look, error: float) -> Fault:
+def _elsewhere(name: str, look: Look, j: int, error: float) -> Fault:
     id, q = look.record.id, look.record.posture
     line = (
-        f"record {id}: {name} rests {error:+.3g} rad from its declared posture: the record of another posture, or a joint that "
+        f"record {id}: {name} rests {error:+.3g} {look.units[j]} from its declared posture: the record of another posture, or a joint that "
         f"fell; declared is [{', '.join(f'{value:.4g}' for value in q)}]"
     )
     return Fault("another posture", name, id, line, REFUSE)

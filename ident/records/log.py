@@ -8,8 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.errors import CampaignError
+from ident.plain import storable
 
 Array = NDArray[np.float64]
+
+#: What a text has to be to be kept.
+STORABLE = "text of UTF-8 without null characters"
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +54,10 @@ def check_log(log: Log, where: str) -> None:
     n = log.n
     rules = (
         ("robot/joint_names", n > 0 and len(set(log.joints)) == n, "at least one, all different"),
+        ("source", storable(log.source), STORABLE),
+        ("robot/urdf", storable(log.urdf), STORABLE),
+        ("robot/joint_names", all(map(storable, log.joints)), STORABLE),
+        ("trajectories", all(storable(one.id) for one in log.trajectories), f"ids that are {STORABLE}"),
         ("fs_hz", 0 < log.fs < np.inf, "a finite number > 0"),
         ("drive/gear_ratio", np.all(np.isfinite(log.N) & (log.N != 0)), "finite numbers other than 0"),
         ("drive/motor_inertia", np.all(np.isnan(log.J_m) | ((log.J_m > 0) & (log.J_m < np.inf))), "numbers > 0, NaN where unknown"),

@@ -84,7 +84,7 @@ def _replace(path: Path, fill: Callable[[h5py.File], None]) -> None:
     It is made in memory: HDF5 does not bear a disk that fills up while it writes.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    with h5py.File(h5py.h5f.create(path.name.encode(), fcpl=_creation(), fapl=_access())) as file:
+    with h5py.File(h5py.h5f.create(os.fsencode(path.name), fcpl=_creation(), fapl=_access())) as file:
         fill(file)
         file.flush()
         image = file.id.get_file_image()

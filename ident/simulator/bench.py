@@ -361,7 +361,8 @@ def _check_motion(theta: Array, plant: Plant, swing: float, period: int, where: 
     mean, peak = np.abs(away.mean(axis=0)), np.abs(away).max(axis=0)
     j = int(np.argmax(peak))
     if peak[j] > STRAY * swing:
+        unit = "m" if plant.drives[j].linear else "rad"
         raise ExperimentError(
-            f"{where}: {plant.drives[j].joint!r} moves {peak[j]:.3g} rad from rest in the last period (mean {mean[j]:.3g}); "
-            f"expected at most {STRAY:g} times the planned swing of {swing:g} rad: it fell, or the arm is not as declared"
+            f"{where}: {plant.drives[j].joint!r} moves {peak[j]:.3g} {unit} from rest in the last period (mean {mean[j]:.3g}); "
+            f"expected at most {STRAY:g} times the planned swing of {swing:g} {unit}: it fell, or the arm is not as declared"
         )

@@ -327,6 +327,55 @@ def test_records_tell_encoders_torques_and_the_experiment(tmp_path: Path) -> Non
     assert made.drives[0].tau_max == pytest.approx(1.0, abs=1e-3)
 
 
+def of_cad(campaign: Campaign, drives: np.ndarray | None = None) -> Identified:
+    model = model_of_urdf(campaign.urdf, campaign.joints)
+    D = len(model.names)
+    own = np.ones((4, campaign.n)) if drives is None else drives
+    return of_parts(campaign, model, model.alpha_cad, np.eye(D), np.zeros((D, 0)), *own)
+
+
+@pytest.mark.parametrize(
+    ("fs", "samples", "periods", "lines", "band", "expected"),
+    [
+        (1000.0, 2000, 4, [51], (25.25, 25.5), (0.5, 4)),  # one line: the band begins below it
+        (1000.0, 3, 4, [1], (166.666, 333.334), (1000 / 3, 4)),  # as the highest there is
+        (1e5, 10**6, 12, [1, 1201], (0.1, 120.1), (0.1, 10)),
+        (1e5, 6 * 10**6, 3, [300, 60_000], (0.04, 1000.0), (0.04, 3)),
+        (1e5, 10**9, 2, [1, 2], (0.0001, 0.04), (0.04, 2)),
+    ],
+)
+def test_an_experiment_is_one_that_a_robot_file_may_have(
+    fs: float,
+    samples: int,
+    periods: int,
+    lines: list[int],
+    band: tuple[float, float],
+    expected: tuple[float, int],
+    tmp_path: Path,
+) -> None:
+    chain, few = chain_of("scara4"), np.zeros((2000, 4))
+    f0 = fs / samples
+    one = replace(record_of(4, few, few, lines), f0=f0, samples_per_period=samples, periods=periods)
+    write_files(made := of_cad(replace(campaign_of(chain.source, chain.names, (one,)), fs=fs)), tmp_path)
+    found = load_robot(tmp_path).experiment
+    assert found == made.experiment and found.band == pytest.approx(band, rel=1e-4)
+    assert (found.f0, found.periods) == (pytest.approx(expected[0]), expected[1])
+
+
+def test_a_drive_beyond_what_a_robot_file_takes_is_the_nearest_and_that_is_said(tmp_path: Path) -> None:
+    chain = chain_of("ypp3")
+    wild = np.array([[3e12, 4000.0, 1e-4], [1e-13, 3e-5, 1e4], [-1e-9, 2e-5, 1e10], [2e9, 1.0, 1.0]])
+    campaign = replace(campaign_of(chain.source, chain.names), N=np.array([-5e-4, -80.0, 3e6]))
+    write_files(arm := of_cad(campaign, drives=wild), tmp_path)
+    first, sound, last = load_robot(tmp_path).drives
+    assert (first.N, first.K, first.J_m, first.D, first.D_spring) == (-1e-3, 1e12, 1e-12, 0.0, 1e9)
+    assert (last.N, last.K, last.J_m, last.D, last.D_spring) == (1e6, 1e-3, 1e3, 1e9, 1.0)
+    assert sound == arm.drives[1] and arm.drives[0].K == 3e12
+    text = (tmp_path / "robot.toml").read_text()
+    assert "# N is -0.0005; -0.001 is the nearest that robot.toml takes; J_m is 1e-13; 1e-12 is the nearest" in text
+    assert "\nK is 3e+12; 1e+12 is the nearest" in text.replace("takes; ", "takes\n") and text.count("takes") == 9
+
+
 def welded(own: str) -> str:
     """The paper's arm with a tool of 1.5 kg fixed to link 3, which itself has the inertial `own`."""
     text = chain_of("ypp3").source

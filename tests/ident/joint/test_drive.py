@@ -53,6 +53,9 @@ def test_scatter_is_the_stated_covariance_and_smaller_than_alone() -> None:
     alone = np.sqrt(covariance_of(J_L[2])[2, 2])
     assert sigma[2] < 0.3 * alone, "K known from the heavy postures must tell the light one"
     assert all(drive.agrees for drive in found[:20])
+    # the mean of 400 chi^2 of 4 degrees of freedom scatters by sqrt(8 / 400) = 0.14
+    assert {drive.dof for drive in found} == {4}
+    assert np.mean([drive.chi2 for drive in found]) == pytest.approx(4.0, abs=4 * 0.14)
 
 
 def test_one_record_stays_as_it_is() -> None:

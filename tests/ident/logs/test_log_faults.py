@@ -16,6 +16,7 @@ from ident.logs import diagnose
 from ident.logs.diagnose import diagnose_log
 from ident.logs.faults import refuse_signals, refuse_slips
 from ident.logs.moves import bands, moves
+from ident.logs.plausible_arm import seen
 from ident.logs.report import sentence, text
 from ident.logs.robot import write_robot
 from ident.logs.signals import frozen, held, leap, lost_rows
@@ -113,6 +114,16 @@ def test_a_torque_that_is_cut_off_is_refused() -> None:
     top = np.quantile(own.trajectories[0].tau[:, 1], 0.35)
     with pytest.raises(IdentError, match="joint2: its torque is cut off"):
         refuse(changed(own, lambda q, tau: (q, np.clip(tau, [-1e9, -1e9, -1e9], [1e9, top, 1e9]))))
+
+
+def test_a_torque_that_is_cut_off_at_both_ends_is_marked_at_both() -> None:
+    own = log(runs=1)
+    low, high = np.quantile(own.trajectories[0].tau[:, 1], [0.2, 0.7])
+    for ends in ((low, high), (low, 1e9), (-1e9, high)):
+        cut = changed(own, lambda q, tau, ends=ends: (q, np.where(np.arange(3) == 1, np.clip(tau, *ends), tau)))
+        marked = seen(cut, model_of_urdf(own.urdf, own.joints), moves(cut)).cut
+        share = [0.2 if ends[0] == low else 0.0, 0.3 if ends[1] == high else 0.0]
+        assert marked[:, 1].mean() == pytest.approx(sum(share), abs=0.05) and not marked[:, [0, 2]].any()
 
 
 def test_the_steps_of_a_coarse_encoder_are_no_motion() -> None:

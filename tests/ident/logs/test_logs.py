@@ -18,12 +18,14 @@ from scipy.io import loadmat
 from ident.cli import main
 from ident.errors import CampaignError, IdentError
 from ident.logs.diagnose import LogDiagnosis, diagnose_log
+from ident.logs.moves import Bands, Moves
 from ident.logs.report import sentence, text
-from ident.logs.terms import bends, way
+from ident.logs.terms import bends, terms, way
 from ident.logs.verdict import verdict_document
 from ident.machines.stand_in import Body, stand_in
 from ident.records.log import Log, Trajectory
 from ident.records.store import is_log, read_log, write_log
+from symgen.plan import model_of_urdf
 
 DATA = Path(os.environ.get("IDENT_DATA") or Path(__file__).parents[4] / "shared/data")
 bench = pytest.mark.bench
@@ -120,6 +122,29 @@ def test_what_tells_other_motion_worse_is_none_of_what_acts() -> None:
     assert replace(d, found=replace(d.found, errors=d.found.errors[::-1])).status == "unexplained"
 
 
+def test_what_is_little_beyond_noise_in_every_band_is_said_to_be_unexplained() -> None:
+    """1.4 times the noise over all, less than 1.5 in each band: no row tells it, the sentence does."""
+    d = of_friction()
+    v = verdict_document(d, [Path(__file__)])
+    e = v["error"]
+    assert "unexplained" not in text(v) and not v["unexplained"]
+    noisy = e | {"noise_floor": e["after"]["all"] / 1.4}
+    assert "1.4 times the noise: that much is unexplained." in text(
+        v | {"status": "unexplained", "error": noisy}, brief=True
+    )
+
+
+def test_a_slide_without_a_gear_has_no_ripple_of_turns() -> None:
+    """Whichever way round its motor is; behind a gear of 300 rad/m the turns show."""
+    q = np.linspace(0.0, 80.0, 200)[:, None]
+    own = Log(stand_in([Body("s", True, 8.0)]), ("s",), 100.0, np.ones(1), np.ones(1), np.zeros(3), "", ())
+    moved = Moves("0001", q, 0.0 * q + 1.0, q, q, q, 100.0, Bands(1.0, 4.0, 16.0))
+    model = model_of_urdf(own.urdf, own.joints)
+    for N, ripples in ((1.0, False), (-1.0, False), (300.0, True), (-300.0, True)):
+        names = {term.name for term in terms(replace(own, N=np.array([N])), model, [moved])}
+        assert ("torque-ripple" in names) is ripples
+
+
 def test_a_motion_that_was_repeated_does_not_report_on_itself() -> None:
     """Repetitions fit together, and say what noise is."""
     own = log(friction)
@@ -174,7 +199,8 @@ def test_a_verdict_says_what_was_found_and_what_no_log_tells(tmp_path: Path, mon
         (["fit", "LOG", "-o", "OUT"], "ident diagnose reads logs"),
         (["diagnose", "LOG", "LOG", "-o", "OUT"], "diagnosed by itself"),
         (["diagnose", "LOG", "--baseline", "LOG", "-o", "OUT"], "diagnosed by itself"),
-        (["diagnose", "LOG", "--no-believe-zeros", "-o", "OUT"], "goes with campaigns"),
+        (["diagnose", "LOG", "--no-believe-zeros", "-o", "OUT"], "no --believe-zeros, which goes with campaigns"),
+        (["diagnose", "LOG", "--minutes", "4", "-o", "OUT"], "no --minutes, which goes with campaigns"),
     ],
 )
 def test_what_is_no_campaign_is_refused_in_one_line(words, says, tmp_path, capfd) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import tomllib
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from ident.machines.guess import guess
 from ident.machines.importing import import_files
 from ident.machines.mapping import load_map
 from ident.machines.readers import read_variables
+from ident.machines.source_file import in_words
 from ident.records.campaign import Record
 from ident.records.periodic import find_lines, find_period
 from ident.records.store import read_campaign, write_campaign
@@ -303,6 +305,27 @@ def test_a_record_is_brought_in_once(truth: Record, tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text(NAMED + "sample_rate_Hz = 1000\n")
     with pytest.raises(ImportingError, match=r"two.csv: has the samples of .*one.npz; expected each record once"):
         import_files(load_map(tmp_path / "map.toml"), [tmp_path / "one.npz", tmp_path / "two.csv"])
+
+
+def test_a_file_may_have_a_name_that_is_no_text(truth: Record, tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"r\xe9c.npz")
+    with path.open("wb") as file:
+        np.savez(file, **columns(truth))
+    brought(tmp_path, NAMED + 'time = {name = "t", unit = "s"}\n', path)
+    assert read_campaign(tmp_path / "out.h5").source == "a measured machine; files r?c.npz"
+    assert in_words("said", ["a/b.csv", path]) == "said; files b.csv, r?c.npz"
+
+
+def test_a_complex_variable_of_matlab_is_called_that(tmp_path: Path) -> None:
+    """MATLAB 7.3 has complex numbers as pairs "real" and "imag"."""
+    with h5py.File(tmp_path / "x.mat", "w", userblock_size=512) as file:
+        pair = np.zeros((1, 300), dtype=[("real", float), ("imag", float)])
+        file["wave"], file["t"], file["pairs"] = pair, np.arange(300.0), pair.astype([("a", float), ("b", float)])
+        file["wave"].attrs["MATLAB_class"] = np.bytes_("double")
+    with (tmp_path / "x.mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+    found = read_variables(tmp_path / "x.mat")
+    assert list(found) == ["t"] and found.left_out == {"wave": "complex", "pairs": "a table of several fields"}
 
 
 def test_a_stand_in_has_the_inertias_that_were_said(truth: Record, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from dataclasses import replace
@@ -12,8 +13,9 @@ import numpy as np
 import pytest
 
 from ident.cli import main
+from ident.errors import IdentError
 from ident.machines.mapping import load_map
-from ident.machines.playing import export_excitation
+from ident.machines.playing import check_place, export_excitation
 from ident.records.campaign import Campaign
 from ident.records.store import read_campaign
 from ident.simulator.bench import simulate
@@ -137,6 +139,37 @@ def test_what_can_not_be_played_leaves_nothing(tmp_path: Path, capsys: pytest.Ca
         error = capsys.readouterr().err
         assert error.count("\n") == 1 and ("joint9" in error or constant in error)
     assert not (tmp_path / "out").exists()
+
+
+def test_what_a_person_wrote_is_not_replaced(robot: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither the robot's own URDF, by whatever path, nor a map that is not of an export."""
+    home = tmp_path / "arm"
+    shutil.copytree(ROBOT, home)
+    (tmp_path / "same").symlink_to(home)
+    before = (home / "ypp3.urdf").read_bytes()
+    for place in (home, tmp_path / "same", home / ".." / "arm"):
+        assert main(["export-excitation", str(home), "-o", str(place)]) == 2
+        error = capsys.readouterr().err
+        assert "ypp3.urdf: the robot's own URDF" in error and error.count("\n") == 1
+    assert (home / "ypp3.urdf").read_bytes() == before and not (home / "map.toml").exists()
+    export_excitation(robot, chain_of_robot(robot), CELLS, tmp_path / "play", seed=SEED)
+    check_place(robot, tmp_path / "play")
+    with (tmp_path / "play/map.toml").open("r+") as file:
+        file.write("# mine")
+    with pytest.raises(IdentError, match=r"map.toml: a map that was not exported, .* choose another directory"):
+        check_place(robot, tmp_path / "play")
+
+
+def test_a_place_may_be_of_any_name(robot: Robot, tmp_path: Path) -> None:
+    """URDF and directory of names that are no text; the map names what is not there with "?"."""
+    odd = tmp_path / os.fsdecode(b"r\xe9b")
+    odd.mkdir()
+    shutil.copy(ROBOT / "ypp3.urdf", odd / os.fsdecode(b"\xe9.urdf"))
+    there = replace(robot, urdf=odd / os.fsdecode(b"\xe9.urdf"), path=odd / "robot.toml", name=odd.name)
+    files = export_excitation(there, chain_of_robot(there), CELLS, odd / "play", seed=SEED)
+    assert all(file.is_file() for file in files)
+    assert json.loads((odd / "play/excitation.json").read_text())["robot"] == "r?b"
+    assert load_map(odd / "play/map.toml").source == "measured on r?b"
 
 
 def test_names_that_can_not_head_a_column_get_one_of_their_own(robot: Robot, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import pytest
 from ident.cli import main
 from ident.errors import ExperimentError, IdentError
 from ident.machines.doctor import Examination, examine
-from ident.machines.doctor_findings import of_encoders, of_locks
+from ident.machines.doctor_findings import of_drive, of_encoders, of_locks
 from ident.machines.doctor_page import page
 from ident.machines.starter import new_robot, starting_drives
 from ident.simulator.design import prepare
@@ -284,6 +284,12 @@ def test_what_an_encoder_can_not_tell_is_told(sound: Examination) -> None:
     assert told(counts=1.5, visible=0.1) == [("joint3: its motor moves through 1.5 counts of its encoder", True)]
     few = "joint3: in its records held motors move through as little as 4 counts of their encoders"
     assert told(held_counts=4.0) == [(few, False)] and told(held_counts=11.0) == []
+
+
+def test_a_spring_that_gives_asks_for_nothing_that_is_not_used(sound: Examination) -> None:
+    (found,) = of_drive(replace(sound.joints[1], sag=0.03), sound.robot)
+    assert "its spring gives by up to 30 mrad" in found.what and "--method coupled" in found.remedy
+    assert "encoder" not in found.remedy
 
 
 def test_counts_are_those_that_a_motor_moves_through(sound: Examination) -> None:

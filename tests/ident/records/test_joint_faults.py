@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 from two_joints import two_joints
 
-from ident.records.campaign import Campaign
+from ident.records.campaign import Campaign, Record
 from ident.records.faults import FLAG, REFUSE, Fault, faults
+from ident.records.joint_faults import at_rest, observe
 from ident.simulator.bench import simulate
 from symgen.plan import model_of_urdf
 
@@ -57,6 +59,34 @@ def test_a_wrong_unit_of_torque_makes_nothing_worse_at_rest(soft: Campaign) -> N
     records = [replace(r, tau=r.tau * [1.0, 1e3], theta=r.theta - x) for r, x in zip(soft.records, bent, strict=True)]
     (unit,) = found(replace(soft, records=tuple(records)))
     assert (unit.name, unit.joint) == ("wrong unit", "j2") and "mN m" in unit.line
+
+
+def test_a_joint_that_slides_is_off_by_metres() -> None:
+    """Joint 3 of SCARA slides, by a motor that turns; its neighbours turn."""
+    urdf = (Path(__file__).parents[3] / "robots/scara4/scara4.urdf").read_text()
+    names, rng = ("joint1", "joint2", "joint3", "joint4"), np.random.default_rng(0)
+    model, unknown = model_of_urdf(urdf, names), np.full(4, np.nan)
+    postures = [np.array([0.1, 0.4 * k, -0.02 * k, 0.3]) for k in range(3)]
+
+    def lines(j: int, *off: float, N: float = 600.0) -> list[str]:
+        gears = np.where(np.arange(4) == j, N, 80.0)
+        records = tuple(
+            Record(f"{k:04d}", names[j], q, 2.0, np.arange(1, 50), 500, 2, 1.0, tau := rng.standard_normal((1000, 4)),
+                   gears * (q + away * (np.arange(4) == j)) + 1e-3 * tau)
+            for k, (q, away) in enumerate(zip(postures, off, strict=True))
+        )  # fmt: skip
+        c = Campaign(urdf, names, 1000.0, "zoh", gears, unknown, unknown, np.zeros(3), "", records)
+        return [fault.line for fault in at_rest(c, [observe(c, model, record) for record in records], j)]
+
+    for j, unit in ((1, "rad"), (2, "m")):
+        (zero,) = lines(j, 0.08, 0.08, 0.08)
+        assert f"off by 0.08 {unit} (joint side) in all records: subtract 48 rad from theta" in zero
+        (one,) = lines(j, 0.0, 0.07, 0.0)
+        assert f"rests +0.07 {unit} from its declared posture" in one
+        (wild,) = lines(j, 0.07, -0.3, 0.4)
+        assert f"lie up to 0.4 {unit} from the declared postures" in wild
+    (direct,) = lines(2, 0.08, 0.08, 0.08, N=-1.0)
+    assert re.search(r"off by 0.0\d* m \(joint side\) in all records: subtract -0.0\d* m from theta", direct)
 
 
 def test_a_gear_that_reverses_is_told_of_a_joint_that_rested_at_zero(soft: Campaign) -> None:

@@ -12,7 +12,8 @@ import pytest
 
 from ident.errors import CampaignError
 from ident.records.campaign import Campaign, Record
-from ident.records.store import read_campaign, write_campaign
+from ident.records.log import Log, Trajectory
+from ident.records.store import read_campaign, write_campaign, write_log
 
 URDF = (Path(__file__).parents[3] / "robots" / "ypp3" / "ypp3.urdf").read_text()
 
@@ -308,6 +309,42 @@ def test_urdf_that_can_not_be_judged_is_refused(urdf: str, message: str, tmp_pat
     with pytest.raises(CampaignError, match=message):
         write_campaign(replace(a_campaign(), urdf=urdf), tmp_path / "c.h5")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_comment_about_document_types_is_none(tmp_path: Path) -> None:
+    comment = "<!-- <!DOCTYPE robot> and <!ENTITY> were taken out of this file -->"
+    c = replace(a_campaign(), urdf=URDF.replace("</robot>", f"{comment}</robot>"))
+    write_campaign(c, tmp_path / "c.h5")
+    assert_same(read_campaign(tmp_path / "c.h5"), c)
+
+
+@pytest.mark.parametrize("text", ["a\0b", "r\udce9c.csv"])
+def test_texts_that_no_file_holds_are_refused(text: str, tmp_path: Path) -> None:
+    c = a_campaign()
+    log = Log(
+        c.urdf, c.joints, c.fs, c.N, c.J_m, c.gravity, c.source, (Trajectory("1", np.zeros((9, 3)), np.ones((9, 3))),)
+    )
+    run = replace(log.trajectories[0], id=text)
+    named = replace(c, records=(replace(c.records[0], id=text),))
+    for write, bad, field in (
+        (write_campaign, replace(c, source=text), "source"),
+        (write_campaign, named, "experiments"),
+        (write_campaign, replace(c, urdf=c.urdf.replace("ypp3", text)), "not a readable URDF"),
+        (write_log, replace(log, source=text), "source"),
+        (write_log, replace(log, urdf=text), "robot/urdf"),
+        (write_log, replace(log, joints=(text, "b", "c")), "robot/joint_names"),
+        (write_log, replace(log, trajectories=(run,)), "trajectories"),
+    ):
+        with pytest.raises(CampaignError, match=field) as error:
+            write(bad, tmp_path / "c.h5")  # type: ignore[operator]
+        assert "\n" not in str(error.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_may_be_of_any_name(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"r\xe9c.h5")
+    write_campaign(a_campaign(), path)
+    assert_same(read_campaign(path), a_campaign())
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(file: Path, image: bytes) -> None:

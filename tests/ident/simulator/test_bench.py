@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from ident.errors import ExperimentError
 from ident.records.campaign import Campaign, Record
-from ident.simulator.bench import TORQUE_SHARE, head, prepare, simulate
+from ident.simulator.bench import TORQUE_SHARE, design, head, prepare, run, simulate
 from symgen.chain import Chain, Inertia
 from symgen.plan import make_model, model_of_urdf
 from symgen.robot import Drive, Experiment, Robot, load_robot
@@ -287,6 +287,20 @@ def test_a_vertical_rail_and_a_reversed_wrist() -> None:
         terms = np.einsum("lij,lj->li", np.abs(G), np.abs(torque))
         assert (np.abs(angle - np.einsum("lij,lj->li", G, torque)) / terms).max() <= ZOH_ERROR
     assert campaign.records[0].tau[0] * [400.0, -80.0] == pytest.approx([10 * 9.81, 2 * 9.81 * 0.2 * np.cos(0.5)])
+
+
+def test_a_rail_that_strays_strays_by_metres() -> None:
+    chain, short = parse_chain(GANTRY), replace(SHORT, f0=4.0, band=(4.0, 120.0), periods=3)
+    rail = Drive("rail", 400.0, 1e-4, 2e5, 3e-5, 20.0, 2**20, 300.0, linear=True)
+    wrist = Drive("wrist", -80.0, 2e-5, 3000.0, 3e-5, 0.4, 2**20, 100.0)
+    arm = replace(ROBOT, urdf=Path("gantry.urdf"), drives=(wrist, rail), experiment=short)
+    for joint, unit in (("rail", "m"), ("wrist", "rad")):
+        (job,) = design(chain, arm, [(joint, [0.3, 0.5])], lock="rigid")
+        wild = job.setup.excitation.scaled(20 * job.setup.excitation.rms)
+        with pytest.raises(
+            ExperimentError, match=rf"'{joint}' moves \S+ {unit} from rest in .* swing of \S+ {unit}: it fell"
+        ):
+            run(replace(job, setup=replace(job.setup, excitation=wild)))
 
 
 @pytest.mark.parametrize(
