@@ -2,7 +2,8 @@
 
 A stop follows its signal up to a threshold each way and slips beyond, like a dry contact on a spring; a soft one gives way gradually, as
 in Dahl's law. The sum of a few, each by its height, is a loop: of an iron core, of a wound gear, of an encoder that is turned with play
-(L. Prandtl, ZAMM 8 (1928), DOI 10.1002/zamm.19280080202).
+(L. Prandtl, ZAMM 8 (1928), DOI 10.1002/zamm.19280080202); over a place it is friction that gives before it slides (generalised
+Maxwell slip: F. Al-Bender, V. Lampaert, J. Swevers, IEEE T-AC 50 (2005), DOI 10.1109/TAC.2005.858676).
 """
 
 from __future__ import annotations
@@ -17,21 +18,29 @@ from ident.effects.hysteresis import recursion
 from ident.effects.learned import Learned
 from ident.effects.motion import Motion, State
 
-#: What a curve with a memory is called by its variable.
-HYSTERESIS = "hysteresis"
+#: What curves with a memory are called by their variable: what lags behind a signal by shares of it, and what sticks at a place before it slips.
+HYSTERESIS, PRESLIDING = "hysteresis", "presliding"
 #: Steps of a loop that is told, each way.
 DRAWN = 40
 
 
 class Loop(NamedTuple):
-    """What lags at a port behind a `signal`, which a curve of the kind `of` is over, too, in the same unit: so heights are shares of it."""
+    """What lags at a port behind a `signal`, which a curve of the kind `of` is over, too; the `sign` of what it adds there."""
 
     signal: str
     of: str
+    sign: float = -1.0
 
 
-#: The loops that are looked for, by their ports: of a torque that is commanded, of an angle that is read.
-LOOPS = {"motor": Loop("tau", "drive"), "sensor": Loop("theta", "position")}
+#: The loops that are looked for, by variable and port: of a torque that is commanded, of an angle that is read, in the same unit, heights
+#: being shares of it; of a place at which something sticks, heights being the torques at which it slips.
+LOOPS = {
+    (HYSTERESIS, "motor"): Loop("tau", "drive"),
+    (HYSTERESIS, "sensor"): Loop("theta", "position"),
+    (PRESLIDING, "motor"): Loop("theta", "position"),
+    (PRESLIDING, "spring"): Loop("deflection", "position", 1.0),
+    (PRESLIDING, "link"): Loop("q", "position"),
+}
 #: The bound of a height.
 HIGH = 9.0
 
@@ -40,7 +49,6 @@ class Remembering(Learned, PeriodicLaw):
     """A sum of stops of a signal at thresholds `knots`, the last `soft` of them soft, by its heights: where it has turned it has another
     slope than where it goes on."""
 
-    variable = HYSTERESIS
     loop: ClassVar[Loop]
     soft: ClassVar[int]
 
@@ -57,23 +65,30 @@ class Remembering(Learned, PeriodicLaw):
 
     def lags(self, x: Array) -> Array:
         """What it makes of a period [S] of its signal."""
-        return self._of(stops(x, self.knots, self.soft))
+        return np.asarray(np.asarray(self.values) * self._units @ stops(x, self.knots, self.soft))
 
     def force(self, motion: Motion) -> Array | None:
         return self._lagging(motion)
 
     def _lagging(self, motion: Motion) -> Array:
         """What it makes of a motion, whose stops do for all heights."""
+        return np.asarray(np.asarray(self.values) @ self.each(motion))
+
+    def each(self, motion: Motion) -> Array:
+        """What a unit of each height makes of a motion [K, S]."""
         assert self.joint is not None
         name, joint, thresholds, soft = self.loop.signal, self.joint, self.knots, self.soft
-        which = ("stops", name, joint, thresholds, soft)
-        return self._of(motion.made(which, lambda: stops(motion.signal(name, joint), thresholds, soft)))
+        which = ("stops", name, joint, thresholds, soft, self.variable)
+        return motion.made(which, lambda: self._units[:, None] * stops(motion.signal(name, joint), thresholds, soft))
 
-    def _of(self, stops: Array) -> Array:
-        return np.asarray(-(np.asarray(self.values) @ stops))
+    @property
+    def _units(self) -> Array:
+        """What a unit of each height makes of its stop [K]."""
+        per = np.asarray(self.knots) if self.variable == PRESLIDING else np.ones(len(self.knots))
+        return self.loop.sign / per
 
     def start(self, step: float) -> tuple[Callable[[State], float], Callable[[State], None]]:
-        r, heights = np.asarray(self.knots), np.asarray(self.values)
+        r, slopes = np.asarray(self.knots), np.asarray(self.values) * self._units
         is_soft = np.arange(len(r)) >= len(r) - self.soft
         memory: list[tuple[float, Array]] = []  # the signal and the stops where it was last asked to remember
 
@@ -88,7 +103,7 @@ class Remembering(Learned, PeriodicLaw):
             x = getattr(at, self.loop.signal)
             memory[:] = [(x, there(x))]
 
-        return lambda at: -float(heights @ there(getattr(at, self.loop.signal))), remember
+        return lambda at: float(slopes @ there(getattr(at, self.loop.signal))), remember
 
 
 class RememberingReading(Remembering):
@@ -144,15 +159,20 @@ def _play(x: Array, r: Array) -> Array:
     return np.asarray(0.5 * (low + high))
 
 
-def remembering(port_name: str, at: Sequence[float], how_many_soft: int) -> type[Learned]:
-    """The kind of memory with thresholds `at` for a port, the last so many of them soft."""
-    heights = tuple(Parameter(f"height_{k + 1}", "", -HIGH, HIGH, (0.0,), linear=True) for k in range(len(at)))
+def remembering(of: str, port_name: str, at: Sequence[float], how_many_soft: int) -> type[Learned]:
+    """The kind of memory of a variable, with thresholds `at` for a port, the last so many of them soft."""
+    unit, relative, sliding = ("Nm", "torque", "N") if of == PRESLIDING else ("", "", "")
+    heights = tuple(
+        Parameter(f"height_{k + 1}", unit, -HIGH, HIGH, (0.0,), linear=True, relative=relative, sliding=sliding)
+        for k in range(len(at))
+    )
 
     class Curve(RememberingReading if port_name == "sensor" else Remembering):  # type: ignore[misc]
         port = port_name
+        variable = of
         parameters = heights
         knots = tuple(float(x) for x in at)
-        loop = LOOPS[port_name]
+        loop = LOOPS[of, port_name]
         soft = how_many_soft
 
     return Curve

@@ -10,7 +10,7 @@ from typing import Any
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.crosstalk import CROSSTALK
 from ident.effects.learned import KINDS
-from ident.effects.memory import HYSTERESIS, LOOPS
+from ident.effects.memory import HYSTERESIS, LOOPS, PRESLIDING
 from ident.identification.verdict import number
 from ident.search.deviations import NAMES
 
@@ -125,9 +125,9 @@ def extent(effect: dict[str, Any]) -> str:
     if curve["variable"] == CROSSTALK:
         return f"{number(100 * curve['heights'][0])} % of it"
     _, unit = _variable(curve, effect["port"])
-    if curve["variable"] == HYSTERESIS:
-        lag = max(map(abs, curve["loop"]["output"]))
-        return f"up to {number(lag)} {unit} in a loop of +- {number(max(curve['knots']))} {unit}"
+    if curve["variable"] in (HYSTERESIS, PRESLIDING):
+        lag, made = max(map(abs, curve["loop"]["output"])), curve["unit"] or unit
+        return f"up to {number(lag)} {made} in a loop of +- {number(max(curve['knots']))} {unit}"
     reach = [0.0, curve["period"]] if curve.get("period") else curve["knots"]
     over = "records " * (curve["variable"] == "record")
     return f"{sizes} over {over}{_range(reach)} {unit}".rstrip()
@@ -171,6 +171,8 @@ def _kind_of(effect: dict[str, Any]) -> str:
         return f"a stiffness of its own in each record at the {port}, by shares of what it is in the first"
     if curve["variable"] == HYSTERESIS:
         return f"a lag that depends on what was before, a loop over {_variable(curve, port)[0]}"
+    if curve["variable"] == PRESLIDING:
+        return f"friction that gives before it slides, a loop over {_variable(curve, port)[0]}"
     if curve["variable"] == CROSSTALK:
         signal = "angle" if port == "sensor" else "torque"
         return f"a share of the {signal} of the motor of joint {curve['from_joint']}"
@@ -185,7 +187,8 @@ def _variable(curve: dict[str, Any], port: str) -> tuple[str, str]:
     slides, motor = curve["period_unit"] == "m", port in ("motor", "sensor")
     length, force, torque = ("m", "N", "force") if slides else ("rad", "Nm", "torque")
     turning = "link position" if slides else "link angle"
-    of = LOOPS[port].of if curve["variable"] == HYSTERESIS else KINDS[curve["variable"]].of
+    loop = LOOPS.get((curve["variable"], port))
+    of = loop.of if loop else KINDS[curve["variable"]].of
     match of:
         case "position":
             name = "motor angle" if motor else "deflection" if port == "spring" else turning

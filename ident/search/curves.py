@@ -9,6 +9,7 @@ import numpy as np
 
 from ident.effects.base import Effect
 from ident.effects.learned import KINDS, VARIABLES, Learned, LearnedCurve, learned, of_place, variable
+from ident.effects.memory import Remembering
 from ident.effects.response import Response, response
 from ident.effects.ringing import Ringing
 from ident.records.campaign import Array
@@ -264,7 +265,7 @@ def _heights(lin: Linearised, kind: type[Effect], joint: int) -> tuple[Array, fl
 def _columns(lin: Linearised, kind: type[Effect], joint: int) -> list[list[Complex | None]]:
     """What a unit of each height of a curve adds, as `added` has it: of all at once, where they are those of one curve."""
     curve = kind(joint, (0.0,) * len(kind.parameters))
-    if not isinstance(curve, LearnedCurve):
+    if not isinstance(curve, LearnedCurve | Remembering):
         return [added(lin, curve.with_values(row)) for row in np.eye(len(curve.values)).tolist()]
     columns: list[list[Complex | None]] = [[] for _ in curve.values]
     for here, one, motion in zip(lin.judged, lin.problem.data, lin.motions[side_of(kind.port)], strict=True):

@@ -13,7 +13,7 @@ from ident.effects.base import Effect, Law, has_forces, winds_up
 from ident.effects.learned import Learned
 from ident.search.candidates import surest
 from ident.search.changes import told_of
-from ident.search.departures import Departure, departures, groups, held_as
+from ident.search.departures import Departure, departures, errors, groups, held_as
 from ident.search.refits import BENT, CLOSE, FEW_SAMPLES, NAMED, Bench, State, linearised, reduced_chi2
 from ident.search.trials import ENOUGH
 
@@ -117,8 +117,14 @@ def left_over(bench: Bench, start: State, state: State) -> tuple[Departure, ...]
         and share_left(bench, start, state) < LEFT
         and max(reduced_chi2(bench, state), _fitting(bench, state)) < most
     )
-    little = little and not is_unseen(bench, state)
+    little = little and not (is_unseen(bench, state) or is_far(bench, state))
     return () if little else departures(bench, state)
+
+
+def is_far(bench: Bench, state: State) -> bool:
+    """Whether the error that is reported is `CLOSE` times what noise makes, or more: few lines may be most of it, or a few chi^2 of all."""
+    told = errors(bench, state, bench.split.report)
+    return told.all > CLOSE * told.noise
 
 
 def _mended(effects: Sequence[Effect]) -> bool:

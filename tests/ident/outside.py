@@ -1,6 +1,6 @@
 """Effects that are in no catalogue: written for tests only, so that a diagnosis meets what nobody has named for it.
 
-All but three are torques that follow from what their port does, one is a filter, one an encoder's error, one a mass that rings; so what
+All but three are torques that follow from what their port does, or did, one is a filter, one an encoder's error, one a mass that rings; so what
 is learned has a chance where no name has.
 """
 
@@ -358,6 +358,31 @@ class BrakeDisc(PortLaw):
         return law, remember
 
 
+@final
+class Bristles(PortLaw):
+    """Dry friction of the motor that gives before it slides: three bristles of a contact, each a spring that slips sooner than the next."""
+
+    name, port = "bristles", "motor"
+    parameters = (
+        Parameter("level", "Nm", 0.0, 1.0, (0.1,), linear=True, relative="torque"),
+        Parameter("distance", "rad", 1e-4, 5.0, (0.05,), zero=None, relative="angle"),
+    )
+
+    def start(self, step: float) -> tuple[Callable[[State], float], Callable[[State], None]]:
+        level, distance = self.values
+        levels, slips = level * np.array([0.5, 0.3, 0.2]), distance * np.array([1.0, 4.0, 16.0])
+        bent: list[np.ndarray] = []  # where the motor was, and how far each is bent
+
+        def now(at: State) -> np.ndarray:
+            before, here = bent or (at.theta, np.zeros(3))
+            return np.asarray(np.clip(here + at.theta - before, -slips, slips))
+
+        def remember(at: State) -> None:
+            bent[:] = [at.theta, now(at)]
+
+        return lambda at: -float(levels @ (now(at) / slips)), remember
+
+
 OUTSIDE: dict[str, type[Effect]] = {
     kind.name: kind
     for kind in (
@@ -383,6 +408,7 @@ OUTSIDE: dict[str, type[Effect]] = {
         EncoderWaves,
         CurrentLoop,
         BrakeDisc,
+        Bristles,
     )
 }
 
@@ -409,5 +435,6 @@ OUTSIDE_RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "encoder-waves": {"amplitude": (0.003, 0.03), "order": ("one of", 3, 5, 8)},
     "current-loop": {"time": (2e-4, 1e-3)},
     "brake-disc": {"inertia": (0.05, 0.3), "frequency": (15.0, 80.0), "damping": (5e-5, 2e-3)},
+    "bristles": {"level": (0.05, 0.2), "distance": (0.03, 0.2)},
     "mesh-stiffness": {"stiffness": (0.02, 0.1), "order": ("one of", 2, 4)},
 }  # fmt: skip

@@ -11,11 +11,12 @@ from typing import Any, final
 import numpy as np
 import pytest
 from fitting import bench_of
+from outside import OUTSIDE
 
 from ident.effects.hysteresis import Hysteresis
-from ident.effects.memory import Remembering, remembering, stops
+from ident.effects.memory import LOOPS, PRESLIDING, Remembering, remembering, stops
 from ident.effects.motion import State
-from ident.search.candidates import added
+from ident.search.candidates import added, side_of
 from ident.search.curves import curves
 from ident.search.minima import told
 from ident.search.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
@@ -53,8 +54,9 @@ def signal(samples: int = 400) -> np.ndarray:
     return np.asarray(4.0 * x / np.ptp(x))
 
 
-def at(tau: object) -> State:
-    return State(0.0, 0.0, tau, 0.0, 0.0, 0.0, 0.0, 0.0, 100.0, 5000.0)
+def at(signal: str, x: object) -> State:
+    rest = State(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 100.0, 5000.0)
+    return replace(rest, **{signal: x})
 
 
 def test_a_stop_follows_its_signal_and_slips_at_its_threshold() -> None:
@@ -75,16 +77,26 @@ def test_what_hardly_moves_does_not_slip_and_what_stands_still_does_nothing() ->
     assert not stops(np.full(9, 3.0), THRESHOLDS, 2).any()
 
 
-def test_a_memory_is_the_same_in_a_simulation_that_goes_on() -> None:
-    law = remembering("motor", THRESHOLDS, 2)(JOINT, (0.1, -0.2, 0.3, 0.2, 0.4))
+@pytest.mark.parametrize("kind", [kind for kind in LOOPS if kind[1] != "sensor"])
+def test_a_memory_is_the_same_in_a_simulation_that_goes_on(kind: tuple[str, str]) -> None:
+    law, over = remembering(*kind, THRESHOLDS, 2)(JOINT, (0.1, -0.2, 0.3, 0.2, 0.4)), LOOPS[kind].signal
     assert isinstance(law, Remembering)
     torque, remember = law.start(1e-3)
     x, found = signal(), np.empty(400)
     for _ in range(8):
-        for k, tau in enumerate(x):
-            found[k] = torque(at(tau))
-            remember(at(tau))
-    np.testing.assert_allclose(found, law.over_period(at(x)), atol=1e-6 * np.ptp(x))
+        for k, here in enumerate(x):
+            found[k] = torque(at(over, here))
+            remember(at(over, here))
+    np.testing.assert_allclose(found, law.over_period(at(over, x)), atol=1e-6 * np.ptp(x))
+
+
+@pytest.mark.parametrize(("port", "against"), [("motor", -1.0), ("link", -1.0), ("spring", 1.0)])
+def test_what_sticks_has_the_torque_of_its_height_where_it_slips(port: str, against: float) -> None:
+    """Against the motion of a motor or a link; a spring that is wound by friction, too, has more torque."""
+    law = remembering(PRESLIDING, port, [0.02], 0)(JOINT, (0.3,))
+    up = np.concatenate([np.linspace(-1.0, 1.0, 200), np.linspace(1.0, -1.0, 200)])
+    found = law.over_period(at(LOOPS[PRESLIDING, port].signal, up))  # type: ignore[attr-defined]
+    np.testing.assert_allclose(found[[100, 300]], [against * 0.3, -against * 0.3])
 
 
 @cache
@@ -112,12 +124,27 @@ def test_a_torque_that_lags_is_drawn_to_the_noise() -> None:
     assert reduced_chi2(bench(), found) < 1.1 < 0.1 * reduced_chi2(bench(), start)
 
 
-@pytest.mark.parametrize("port", ["motor", "sensor"])
-def test_play_is_seen_where_it_is(port: str) -> None:
+def test_friction_that_gives_before_it_slides_is_drawn_to_the_noise() -> None:
+    """Bristles that slip one after the other, whose motion is found with theirs."""
+    chain = chain_of_robot(SHORT)
+    cells = [(chain.names[JOINT], angle * np.eye(chain.n)[JOINT]) for angle in RESTS]
+    c = simulate(chain, SHORT, cells, effects=[OUTSIDE["bristles"](JOINT, (6e-3, 0.03))], workers=1, seed=3)
+    own = bench_of(c, chain)
+    start = without_effects(own)
+    lin = linearised(start.problem, start.minimum.vector)
+    likely = curves(lin)[0]
+    assert told(likely.effect) == "unknown at joint 2: presliding at the motor"
+    ((_, hasty),) = refitted(own, start, [(likely, lin)])
+    found = fitted(own, Refit.of(hasty))
+    assert reduced_chi2(own, found) < 1.1 < 0.01 * reduced_chi2(own, start)
+
+
+@pytest.mark.parametrize(("kind", "size"), [(kind, 0.01 if kind[0] == PRESLIDING else 0.5) for kind in LOOPS])
+def test_play_is_seen_where_it_is(kind: tuple[str, str], size: float) -> None:
     """To first order: of a residual that is one stop's, at a threshold between those that are tried."""
     _, lin = declared()
-    swing = 0.5 * max(np.ptp(m.signal({"motor": "tau", "sensor": "theta"}[port], JOINT)) for m in lin.motions["motor"])
-    play = remembering(port, [0.1 * swing], 0)(JOINT, (0.5,))
+    swing = 0.5 * max(np.ptp(m.signal(LOOPS[kind].signal, JOINT)) for m in lin.motions[side_of(kind[1])])
+    play = remembering(*kind, [0.1 * swing], 0)(JOINT, (size,))
     r = tuple(np.zeros_like(r) if x is None else x for r, x in zip(lin.r, added(lin, play), strict=True))
     likely = curves(replace(lin, r=r))[0]
-    assert told(likely.effect) == f"unknown at joint 2: hysteresis at the {port}"
+    assert told(likely.effect) == f"unknown at joint 2: {kind[0]} at the {kind[1]}"

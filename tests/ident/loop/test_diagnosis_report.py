@@ -13,7 +13,7 @@ from undrawn import undrawn
 
 from ident.effects.crosstalk import crosstalk
 from ident.effects.learned import learned
-from ident.effects.memory import remembering
+from ident.effects.memory import HYSTERESIS, PRESLIDING, remembering
 from ident.effects.motor import InputDelay
 from ident.effects.response import response
 from ident.effects.ringing import Ringing
@@ -304,21 +304,23 @@ def test_a_mass_that_rings_is_told_by_its_numbers_and_drawn_as_the_inertia_that_
 
 
 @pytest.mark.parametrize(
-    ("port", "said"),
+    ("kind", "lags", "said"),
     [
-        ("motor", ("a loop over motor torque", "up to 0.002 Nm in a loop of +- 0.02 Nm")),
-        ("sensor", ("a loop over motor angle", "up to 0.002 rad in a loop of +- 0.02 rad")),
+        ((HYSTERESIS, "motor"), 0.002, ("a loop over motor torque", "up to 0.002 Nm in a loop of +- 0.02 Nm")),
+        ((HYSTERESIS, "sensor"), 0.002, ("a loop over motor angle", "up to 0.002 rad in a loop of +- 0.02 rad")),
+        ((PRESLIDING, "motor"), 0.5, ("friction that gives before it slides, a loop over motor angle", "up to 0.5 Nm in a loop of +- 0.02 rad")),
+        ((PRESLIDING, "link"), 0.5, ("a loop over link angle", "up to 0.5 Nm in a loop of +- 0.02 rad")),
     ],
-)
-def test_a_memory_is_told_and_drawn_as_a_loop(file, port, said):
-    """Of a stop that has slipped, half of what it follows."""
-    d = with_effect(diagnosis(), remembering(port, [0.004, 0.02], 1)(JOINT, (0.5, 0.0)), (1e-4,) * 2)
+)  # fmt: skip
+def test_a_memory_is_told_and_drawn_as_a_loop(file, kind, lags, said):
+    """Of a stop that has slipped: half of what it follows, or its torque."""
+    d = with_effect(diagnosis(), remembering(*kind, [0.004, 0.02], 1)(JOINT, (0.5, 0.0)), (1e-4,) * 2)
     v = verdict_document(d, [file])
     loop = v["effects"][0]["curve"]["loop"]
-    assert max(loop["over"]) == pytest.approx(0.02) and max(loop["output"]) == pytest.approx(0.002)
+    assert max(loop["over"]) == pytest.approx(0.02) and max(loop["output"]) == pytest.approx(lags)
     page = html(d, v)
-    assert said[0] in page and said[1] in page and ", ".join(said) in text(v) and "height_" not in page
-    assert ("An error of the encoder" in page) == (port == "sensor") and "where loops, of what it was before" in page
+    assert said[0] in page and said[1] in page and said[1] in text(v) and "height_" not in page
+    assert ("An error of the encoder" in page) == (kind[1] == "sensor") and "where loops, of what it was before" in page
     ET.fromstring(re.findall(r"<svg.*?</svg>", page, re.DOTALL)[1])
 
 
