@@ -10,6 +10,7 @@ from typing import Any
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.crosstalk import CROSSTALK
 from ident.effects.learned import KINDS
+from ident.effects.lubricated import LUBRICATED
 from ident.effects.memory import HYSTERESIS, LOOPS, PRESLIDING
 from ident.identification.verdict import number
 from ident.search.deviations import NAMES
@@ -83,7 +84,13 @@ def variable_of(effect: dict[str, Any]) -> str:
 def values(effect: dict[str, Any]) -> str:
     """Its numbers in one line, or what its curve is of, how large and how far."""
     if effect["name"] == "unknown":
-        more = _numbers(effect) if variable_of(effect) == "resonance" else extent(effect) if "curve" in effect else ""
+        more = (
+            _numbers(effect)
+            if variable_of(effect) in ("resonance", LUBRICATED)
+            else extent(effect)
+            if "curve" in effect
+            else ""
+        )
         return ", ".join(filter(None, [_kind_of(effect), more]))
     return _numbers(effect)
 
@@ -171,6 +178,8 @@ def _kind_of(effect: dict[str, Any]) -> str:
         return f"a stiffness of its own in each record at the {port}, by shares of what it is in the first"
     if curve["variable"] == HYSTERESIS:
         return f"a lag that depends on what was before, a loop over {_variable(curve, port)[0]}"
+    if curve["variable"] == LUBRICATED:
+        return f"friction at the {port} that gives before it slides, and is less the faster it does (LuGre)"
     if curve["variable"] == PRESLIDING:
         return f"friction that gives before it slides, a loop over {_variable(curve, port)[0]}"
     if curve["variable"] == CROSSTALK:
@@ -188,7 +197,7 @@ def _variable(curve: dict[str, Any], port: str) -> tuple[str, str]:
     length, force, torque = ("m", "N", "force") if slides else ("rad", "Nm", "torque")
     turning = "link position" if slides else "link angle"
     loop = LOOPS.get((curve["variable"], port))
-    of = loop.of if loop else KINDS[curve["variable"]].of
+    of = "velocity" if curve["variable"] == LUBRICATED else loop.of if loop else KINDS[curve["variable"]].of
     match of:
         case "position":
             name = "motor angle" if motor else "deflection" if port == "spring" else turning

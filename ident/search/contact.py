@@ -9,13 +9,15 @@ from itertools import product
 
 import numpy as np
 
+from ident.arm.parts import degrees
 from ident.effects.base import Effect
 from ident.effects.creeping import Creeping
+from ident.effects.hysteresis import Hysteresis
 from ident.effects.learned import KINDS, VARIABLES
 from ident.effects.motor import TorqueScale
 from ident.search.candidates import Candidate, best_of, of_kinds, smallest, units
 from ident.search.choice import Tried, is_curve, left_by
-from ident.search.curves import curve_of
+from ident.search.curves import curve_of, sticking
 from ident.search.minima import CREPT, creeping_like, crept, told
 from ident.search.own_records import by_own
 from ident.search.refits import (
@@ -33,7 +35,10 @@ from ident.search.refits import (
     winding,
 )
 from ident.search.trace import Linearised
-from ident.search.tried import with_candidate
+from ident.search.tried import refitted, with_candidate
+
+#: Share of what a name leaves beyond noise that other friction of its kind leaves, at most, which is tried beside it.
+STICKS = 0.3
 
 
 def as_it_creeps(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
@@ -70,6 +75,19 @@ def as_it_winds(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
         return tried
     bench.say(f"  by its own records first, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
     return [one.refitted(new) if one is best else one for one in tried]
+
+
+def as_it_sticks(bench: Bench, state: State, lin: Linearised, tried: list[Tried]) -> list[Tried]:
+    """The candidates beyond a model, linearised in `lin`, and where the best is friction that gives before it slides, and leaves more than
+    noise, what sticks at its port in another way and leaves a share `STICKS` of that."""
+    best = min(tried, key=left_by, default=None)
+    if best is None or bench.late or reduced_chi2(bench, best.state) <= NAMED:
+        return tried
+    law, dof = best.candidate.effect, degrees(bench.split.select)
+    if not isinstance(law, Hysteresis) or law.joint is None:
+        return tried
+    others = refitted(bench, state, [(c, lin) for c in sticking(lin, law.port, law.joint)])
+    return tried + [one for one in others if left_by(one) - dof < STICKS * (left_by(best) - dof)]
 
 
 def balanced(lin: Linearised, effects: Sequence[Effect]) -> list[Candidate]:

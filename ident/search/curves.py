@@ -9,7 +9,8 @@ import numpy as np
 
 from ident.effects.base import Effect
 from ident.effects.learned import KINDS, VARIABLES, Learned, LearnedCurve, learned, of_place, variable
-from ident.effects.memory import Remembering
+from ident.effects.lubricated import LubricatedLink, LubricatedMotor
+from ident.effects.memory import PRESLIDING, Remembering
 from ident.effects.response import Response, response
 from ident.effects.ringing import Ringing
 from ident.records.campaign import Array
@@ -76,6 +77,15 @@ def curve_of(lin: Linearised, port: str, joint: int, name: str) -> Candidate | N
     shape = _shape(lin, port, joint, name)
     drawn = _drawn(lin, [shape] if shape else [], 1)
     return replace(drawn[0], effect=drawn[0].effect.with_values([0.0] * len(drawn[0].scales))) if drawn else None
+
+
+def sticking(lin: Linearised, port: str, joint: int) -> list[Candidate]:
+    """What sticks at a port of a joint before it slides: a sum of stops, and at a motor or link what is less the faster it slides."""
+    lin.prepare()
+    wanted = (PRESLIDING, port, joint)
+    found = _drawn(lin, [(kind, at) for kind, at in memories(lin) if (kind.variable, kind.port, at) == wanted], 1)
+    lubricated = [best_of(lin, kind, joint) for kind in (LubricatedMotor, LubricatedLink) if kind.port == port]
+    return [*(c for c in lubricated if c is not None), *found]
 
 
 def responses(lin: Linearised, least: float, workers: int = 1) -> list[Candidate]:

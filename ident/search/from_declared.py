@@ -9,7 +9,7 @@ from ident.effects.base import Effect, only_read, winds_up
 from ident.effects.structure import LockedJointElasticity
 from ident.search.candidates import Candidate, best_of, catalogue, larger, nearer
 from ident.search.choice import MUCH, SLIGHT, UNLIKELY, Tried, left_by
-from ident.search.contact import as_it_creeps, as_it_winds
+from ident.search.contact import as_it_creeps, as_it_sticks, as_it_winds
 from ident.search.finer import finer
 from ident.search.refits import BENT, CLOSE, NAMED, Bench, State, as_declared, linearised, reduced_chi2, same
 from ident.search.shapes import bending, only_shapes
@@ -52,7 +52,7 @@ def from_declared(bench: Bench, state: State, found: Effect | None) -> list[Trie
         tried += tried_bending(
             bench, state, declared, lambda e: e.joint is None or isinstance(e, LockedJointElasticity)
         )
-    return as_it_moves(bench, tried)
+    return as_it_sticks(bench, state, declared, as_it_moves(bench, tried))
 
 
 def _at_once(bench: Bench, state: State, declared: Linearised, names: Sequence[Candidate]) -> list[Tried]:

@@ -26,7 +26,7 @@ from ident.search.choice import (
     left_by,
     rings_ahead,
 )
-from ident.search.contact import balanced, besides, rubbing, rubbing_anew
+from ident.search.contact import as_it_sticks, balanced, besides, rubbing, rubbing_anew
 from ident.search.curves import curves, resonances, responses
 from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
 from ident.search.from_declared import as_it_moves, from_declared, tried_bending
@@ -172,7 +172,7 @@ def _from_fitted(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
             if c.gain > least or k < REFITTED[0] // 2 or (k < most // 2 and c.gain > slight)
         ]
         likely += balanced(lin, state.effects)
-    tried = as_it_moves(bench, refitted(bench, state, [(c, lin) for c in likely]))
+    tried = as_it_sticks(bench, state, lin, as_it_moves(bench, refitted(bench, state, [(c, lin) for c in likely])))
     tried += _ringing(bench, state, lin, tried)
     return _nearest_finely(bench, tried)
 
