@@ -179,7 +179,7 @@ def _kind_of(effect: dict[str, Any]) -> str:
     if curve["variable"] == HYSTERESIS:
         return f"a lag that depends on what was before, a loop over {_variable(curve, port)[0]}"
     if curve["variable"] == LUBRICATED:
-        return f"friction at the {port} that gives before it slides, and is less the faster it does (LuGre)"
+        return f"friction that gives before it slides, and is less the faster it does (LuGre), at the {port}"
     if curve["variable"] == PRESLIDING:
         return f"friction that gives before it slides, a loop over {_variable(curve, port)[0]}"
     if curve["variable"] == CROSSTALK:

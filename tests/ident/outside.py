@@ -383,6 +383,37 @@ class Bristles(PortLaw):
         return lambda at: -float(levels @ (now(at) / slips)), remember
 
 
+@final
+class OiledBristles(PortLaw):
+    """The same of one kind of bristle, that slides by less the faster it does, and has a damping of its own."""
+
+    name, port = "oiled-bristles", "motor"
+    parameters = (
+        Parameter("level", "Nm", 0.0, 1.0, (0.1,), linear=True, relative="torque"),
+        Parameter("distance", "rad", 1e-4, 5.0, (0.05,), zero=None, relative="angle"),
+        Parameter("speed", "rad/s", 0.02, 5.0, (0.4,), zero=None, relative="rate"),
+    )
+
+    def start(self, step: float) -> tuple[Callable[[State], float], Callable[[State], None]]:
+        level, distance, speed = self.values
+        stiffness, damping, bent, last = level / distance, 5e-4, [0.0], [0.0]
+
+        def later(v: float, time: float) -> tuple[float, float]:
+            slips = level * (1.0 + 0.5 * np.exp(-((v / speed) ** 2))) / stiffness
+            there = bent[0] + (np.sign(v) * slips - bent[0]) * -np.expm1(-abs(v) * time / slips)
+            return there, v - abs(v) * there / slips
+
+        def law(at: State) -> float:
+            last[0] = at.omega
+            there, rate = later(at.omega, 0.5 * step)
+            return -float(stiffness * (there + damping * rate))
+
+        def remember(at: State) -> None:
+            bent[0] = later(last[0], step)[0]
+
+        return law, remember
+
+
 OUTSIDE: dict[str, type[Effect]] = {
     kind.name: kind
     for kind in (
@@ -409,6 +440,7 @@ OUTSIDE: dict[str, type[Effect]] = {
         CurrentLoop,
         BrakeDisc,
         Bristles,
+        OiledBristles,
     )
 }
 
@@ -436,5 +468,6 @@ OUTSIDE_RANGES: dict[str, Mapping[str, tuple[object, ...]]] = {
     "current-loop": {"time": (2e-4, 1e-3)},
     "brake-disc": {"inertia": (0.05, 0.3), "frequency": (15.0, 80.0), "damping": (5e-5, 2e-3)},
     "bristles": {"level": (0.05, 0.2), "distance": (0.03, 0.2)},
+    "oiled-bristles": {"level": (0.05, 0.2), "distance": (0.03, 0.2), "speed": (0.2, 0.6)},
     "mesh-stiffness": {"stiffness": (0.02, 0.1), "order": ("one of", 2, 4)},
 }  # fmt: skip

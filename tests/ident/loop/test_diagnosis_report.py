@@ -13,6 +13,7 @@ from undrawn import undrawn
 
 from ident.effects.crosstalk import crosstalk
 from ident.effects.learned import learned
+from ident.effects.lubricated import LubricatedLink, LubricatedMotor
 from ident.effects.memory import HYSTERESIS, PRESLIDING, remembering
 from ident.effects.motor import InputDelay
 from ident.effects.response import response
@@ -321,6 +322,22 @@ def test_a_memory_is_told_and_drawn_as_a_loop(file, kind, lags, said):
     page = html(d, v)
     assert said[0] in page and said[1] in page and said[1] in text(v) and "height_" not in page
     assert ("An error of the encoder" in page) == (kind[1] == "sensor") and "where loops, of what it was before" in page
+    ET.fromstring(re.findall(r"<svg.*?</svg>", page, re.DOTALL)[1])
+
+
+@pytest.mark.parametrize("kind", [LubricatedMotor, LubricatedLink])
+def test_friction_of_bristles_is_told_by_its_numbers_and_drawn_over_velocity(file, kind):
+    d = with_effect(diagnosis(), kind(JOINT, (0.004, 0.002, 0.02, 1.5, 1e-3)), (1e-5, 1e-5, 1e-4, 0.01, 1e-5))
+    v = verdict_document(d, [file])
+    (told,) = v["effects"]
+    assert (told["name"], told["port"], told["curve"]["variable"]) == ("unknown", kind.port, "lubricated")
+    assert told["curve"]["heights"][0] == pytest.approx(0.006) and told["curve"]["heights"][-1] < 0.0041
+    page = html(d, v)
+    assert (
+        "friction that gives before it slides" in page
+        and "peak 0.002" in text(v)
+        and '<td class="left">peak</td>' in page
+    )
     ET.fromstring(re.findall(r"<svg.*?</svg>", page, re.DOTALL)[1])
 
 
