@@ -15,8 +15,13 @@ from ident.effects.memory import HYSTERESIS, LOOPS, PRESLIDING
 from ident.identification.verdict import number
 from ident.search.deviations import NAMES
 
-#: What verdict.json calls "unknown": what is drawn, and what rings.
-UNKNOWN, RESONANCE = "an unknown law", "an unknown resonance"
+#: What verdict.json calls "unknown", and by the variable of its curve.
+UNKNOWN = "an unknown law"
+KNOWN_AS = {
+    "resonance": "an unknown resonance",
+    LUBRICATED: "an unknown friction (LuGre)",
+    PRESLIDING: "an unknown friction (Maxwell slip)",
+}
 #: Which number of a drive an effect says is off.
 FIELDS = {name: field for field, name in NAMES.items()}
 #: Units as figures write them.
@@ -27,7 +32,7 @@ def name_of(effect: dict[str, Any]) -> str:
     """The name of an effect, or of what it is not told from."""
     if effect["name"] == "unknown":
         of = f" of {effect['of']}" if "of" in effect else ""
-        return RESONANCE if variable_of(effect) == "resonance" else UNKNOWN + of
+        return KNOWN_AS.get(variable_of(effect), UNKNOWN + of)
     return str(effect["name"])
 
 
@@ -179,7 +184,7 @@ def _kind_of(effect: dict[str, Any]) -> str:
     if curve["variable"] == HYSTERESIS:
         return f"a lag that depends on what was before, a loop over {_variable(curve, port)[0]}"
     if curve["variable"] == LUBRICATED:
-        return f"friction that gives before it slides, and is less the faster it does (LuGre), at the {port}"
+        return f"friction that gives before it slides, and is less the faster it does, at the {port}"
     if curve["variable"] == PRESLIDING:
         return f"friction that gives before it slides, a loop over {_variable(curve, port)[0]}"
     if curve["variable"] == CROSSTALK:

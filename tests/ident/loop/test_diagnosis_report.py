@@ -333,6 +333,7 @@ def test_friction_of_bristles_is_told_by_its_numbers_and_drawn_over_velocity(fil
     assert (told["name"], told["port"], told["curve"]["variable"]) == ("unknown", kind.port, "lubricated")
     assert told["curve"]["heights"][0] == pytest.approx(0.006) and told["curve"]["heights"][-1] < 0.0041
     page = html(d, v)
+    assert "1. an unknown friction (LuGre) at joint2" in text(v) and "unknown law" not in page
     assert (
         "friction that gives before it slides" in page
         and "peak 0.002" in text(v)
