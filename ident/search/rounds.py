@@ -50,6 +50,7 @@ from ident.search.refits import (
     same,
     without,
 )
+from ident.search.slips import with_closer_stops
 from ident.search.trace import Linearised, port_shares
 from ident.search.trials import (
     ahead,
@@ -99,7 +100,7 @@ def another(
                 return two
             further = hasty(bench, state, lin, likely)
     best, tried = _best(bench, state, lin, tried, further, little, bends)
-    best = best and best.refitted(resolved(bench, best.state))
+    best = best and best.refitted(with_closer_stops(bench, resolved(bench, best.state)))
     one = _entered(bench, state, best, tried, lin)
     names = None if best is None else named_gains(bench, best.state) or named_by_load(bench, best.state)
     if names is not None and earned(bench, state, names):

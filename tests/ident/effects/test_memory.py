@@ -21,6 +21,7 @@ from ident.search.curves import curves
 from ident.search.minima import told
 from ident.search.refits import Bench, Refit, fitted, linearised, reduced_chi2, without_effects
 from ident.search.refits import State as Fitted
+from ident.search.slips import _closer, with_closer_stops
 from ident.search.trace import Linearised
 from ident.search.tried import refitted
 from ident.simulator.bench import simulate
@@ -99,6 +100,18 @@ def test_what_sticks_has_the_torque_of_its_height_where_it_slips(port: str, agai
     np.testing.assert_allclose(found[[100, 300]], [against * 0.3, -against * 0.3])
 
 
+def test_stops_stand_closer_where_they_carry() -> None:
+    """And the law is the same, as yet."""
+    sharp = np.geomspace(0.01, 1.0, 9)
+    heights = np.where(np.arange(9) == 3, 1.0, 0.0)
+    law = remembering(PRESLIDING, "motor", [*sharp, 0.5], 1)(JOINT, (*heights.tolist(), 0.2))
+    assert isinstance(law, Remembering)
+    closer = _closer(law)
+    assert closer.soft == 1 and len(closer.knots) == 3 + 2 * 3 + 1
+    assert (min(closer.knots), closer.knots[-2]) == pytest.approx((sharp[2], sharp[4]))
+    np.testing.assert_allclose(closer.lags(signal()), law.lags(signal()), atol=1e-12)
+
+
 @cache
 def bench() -> Bench:
     """Short records of a motor whose torque lags, the same to fit, choose and report."""
@@ -137,6 +150,7 @@ def test_friction_that_gives_before_it_slides_is_drawn_to_the_noise() -> None:
     ((_, hasty),) = refitted(own, start, [(likely, lin)])
     found = fitted(own, Refit.of(hasty))
     assert reduced_chi2(own, found) < 1.1 < 0.01 * reduced_chi2(own, start)
+    assert with_closer_stops(own, found) is found  # nothing is left
 
 
 @pytest.mark.parametrize(("kind", "size"), [(kind, 0.01 if kind[0] == PRESLIDING else 0.5) for kind in LOOPS])
