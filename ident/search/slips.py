@@ -40,9 +40,7 @@ def _closer(curve: Remembering) -> Remembering:
     sharp = len(curve.knots) - curve.soft
     r, heights = np.array(curve.knots[:sharp]), np.array(curve.values[:sharp])
     carries = np.abs(heights) > CARRIES * np.abs(heights).max()
-    beside = (
-        carries | np.roll(carries, 1) * (np.arange(sharp) > 0) | np.roll(carries, -1) * (np.arange(sharp) < sharp - 1)
-    )
+    beside = np.convolve(carries, np.ones(3), "same") > 0.0
     at = {float(x): float(h) for x, h, near in zip(r, heights, beside, strict=True) if near}
     for k in np.flatnonzero(carries[:-1] | carries[1:]):
         for part in range(1, PARTS):
