@@ -8,7 +8,7 @@ from ident.effects.memory import PRESLIDING, Remembering, remembering
 from ident.search.candidates import Candidate
 from ident.search.gains import FOR_EACH
 from ident.search.minima import LEAST_GAIN, told
-from ident.search.refits import NAMED, Bench, Refit, State, but_last, fitted, reduced_chi2, standing
+from ident.search.refits import Bench, Refit, State, but_last, fitted, reduced_chi2, standing
 from ident.search.tried import with_candidate
 
 #: Share of the largest height from which a stop carries something; parts of the way from it to the next.
@@ -16,12 +16,12 @@ CARRIES, PARTS = 0.1, 4
 
 
 def with_closer_stops(bench: Bench, state: State) -> State:
-    """The model, its last effect, where that is a sum of stops which leaves more than noise, with more stops about those that carry
+    """The model, its last effect, where that is a sum of stops which leaves anything, with more stops about those that carry
     something, and fewer elsewhere, if these leave less."""
     curve = state.effects[-1]
     if not (isinstance(curve, Remembering) and curve.variable == PRESLIDING) or bench.late:
         return state
-    if reduced_chi2(bench, state) <= NAMED:
+    if reduced_chi2(bench, state) <= 1.0:
         return state
     plain, lin = standing(bench, state, but_last(state))
     effect = _closer(curve)
