@@ -149,11 +149,8 @@ def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
     if not (isinstance(effect, PortLaw) and effect.linear):
         return False
     curves = [e for e in effects if isinstance(e, Learned) and e.variable in LINEAR]
-    slopes = (True, False) if not isinstance(effect, Law) else (effect.drags,)
-    return any(
-        (curve.port, curve.joint) == (effect.port, effect.joint) and (curve.variable != "position") in slopes
-        for curve in curves
-    )
+    slopes = [e.variable != "position" for e in curves if (e.port, e.joint) == (effect.port, effect.joint)]
+    return effect.drags in slopes if isinstance(effect, Law) else bool(slopes)
 
 
 def _drawn_besides(effect: Effect, n: int) -> int | None:
