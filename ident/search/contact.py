@@ -81,12 +81,11 @@ def as_it_sticks(bench: Bench, state: State, lin: Linearised, tried: list[Tried]
     """The candidates beyond a model, linearised in `lin`, and where the best is friction that gives before it slides, and leaves more than
     noise, what sticks at its port in another way and leaves a share `STICKS` of that."""
     best = min(tried, key=left_by, default=None)
-    law = best and best.candidate.effect
-    if best is None or not isinstance(law, Hysteresis) or law.joint is None:
+    if best is None:
         return tried
-    if bench.late or reduced_chi2(bench, best.state) <= NAMED:
+    law, dof = best.candidate.effect, degrees(bench.split.select)
+    if not isinstance(law, Hysteresis) or law.joint is None or bench.late or reduced_chi2(bench, best.state) <= NAMED:
         return tried
-    dof = degrees(bench.split.select)
     others = refitted(bench, state, [(c, lin) for c in sticking(lin, law.port, law.joint)])
     return tried + [one for one in others if left_by(one) - dof < STICKS * (left_by(best) - dof)]
 
