@@ -32,6 +32,7 @@ class Drive:
     `N` [1] motor rad per joint rad (negative: reversed), `J_m` [kg m2] and `D` [N m s/rad] motor side, `K` [N m/rad]
     and `D_spring` [N m s/rad] joint side, `encoder_counts` per motor revolution, `tau_max` [N m] motor side. A `linear`
     (prismatic) joint has N in motor rad per m, K in N/m and D_spring in N s/m; its motor is rotary all the same.
+    `link_encoder_counts` per revolution, or per m, of the link itself; None where nothing reads it.
     """
 
     joint: str
@@ -43,6 +44,14 @@ class Drive:
     encoder_counts: int
     tau_max: float
     linear: bool = False
+    link_encoder_counts: int | None = None
+
+    @property
+    def link_step(self) -> float | None:
+        """What one count of the link's encoder is [rad or m]; None without one."""
+        if self.link_encoder_counts is None:
+            return None
+        return (1.0 if self.linear else 2.0 * np.pi) / self.link_encoder_counts
 
 
 @dataclass(frozen=True)
@@ -119,6 +128,12 @@ def load_robot(path: str | Path) -> Robot:
     if not isinstance(tables, dict) or not tables:
         raise RobotError(f"{file}: [joint]: found {_short(tables)}, expected one [joint.<name>] table per driven joint")
     drives = tuple(_drive(f"{file}: [joint.{_key(name)}]", name, table) for name, table in tables.items())
+    for drive in drives:
+        if (drive.link_encoder_counts is None) != (drives[0].link_encoder_counts is None):
+            key = next(key for key in (_LINEAR if drive.linear else _ROTARY) if key.startswith("link_encoder"))
+            raise RobotError(
+                f"{file}: [joint.{_key(drive.joint)}]: {key}: found at some joints only, expected at every joint or at none"
+            )
     experiment = _experiment(f"{file}: [experiment]", document.get("experiment", {}))
     return Robot(file.resolve().parent.name, file, urdf, drives, experiment, **top)
 
@@ -248,28 +263,33 @@ _EXPERIMENT: _Rules = {
     "lock_pd_Hz": ("lock_pd", _BANDWIDTH),
     "lock_dob_Hz": ("lock_dob", _BANDWIDTH),
 }
+_COUNTS = _whole("a whole number >= 1", 1)
+_OPTIONAL = ("link_encoder_counts_per_rev", "link_encoder_counts_per_m")
 _MOTOR: _Rules = {
     "J_m_kgm2": ("J_m", _positive(1e-12, 1e3)),
     "D_Nms_per_rad": ("D", _DAMPING),
-    "encoder_counts_per_rev": ("encoder_counts", _whole("a whole number >= 1", 1)),
+    "encoder_counts_per_rev": ("encoder_counts", _COUNTS),
     "torque_limit_Nm": ("tau_max", _positive(1e-9, 1e6)),
 }
 _ROTARY: _Rules = {
     "N": ("N", _RATIO),
     "K_Nm_per_rad": ("K", _STIFFNESS),
     "D_spring_Nms_per_rad": ("D_spring", _DAMPING),
+    "link_encoder_counts_per_rev": ("link_encoder_counts", _COUNTS),
 }
 _LINEAR: _Rules = {
     "N_rad_per_m": ("N", _RATIO),
     "K_N_per_m": ("K", _STIFFNESS),
     "D_spring_Ns_per_m": ("D_spring", _DAMPING),
+    "link_encoder_counts_per_m": ("link_encoder_counts", _COUNTS),
 }
 
 
 def _drive(where: str, joint: str, table: Any) -> Drive:
     linear = isinstance(table, dict) and any(key in table for key in _LINEAR)
     rules = {**(_LINEAR if linear else _ROTARY), **_MOTOR}
-    return Drive(joint=joint, linear=linear, **_values(where, table, rules, required=tuple(rules)))
+    required = tuple(key for key in rules if key not in _OPTIONAL)
+    return Drive(joint=joint, linear=linear, **_values(where, table, rules, required))
 
 
 def recordable(fs: float, f0: float, periods: int = 1) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import zeta
 
-from ident.arm.small_matrices import by_component, inverses, products
+from ident.arm.small_matrices import by_component, inverses, products, times
 from ident.records.campaign import Array
 from ident.records.frf import Complex
 
@@ -313,15 +313,19 @@ def by_impedance(
 
     Aliases, where the arm hardly moves, are left out.
     """
-    _, _, Z_lm, Z_ll = stiffness(arm, p, s, extra.impedance)
     on_motor, on_link = pushed
-    x = theta if extra.reading is None else theta - extra.reading
-    x = (x if extra.angle_gain is None else x / extra.angle_gain) / arm.N
-    by_link = -(Z_lm @ x[..., None]) if extra.on_link is None else extra.on_link[..., None] - Z_lm @ x[..., None]
-    both = np.concatenate([x[..., None], np.linalg.solve(Z_ll, by_link)], axis=1)
-    forces = changes @ both  # k, S, 2m, 1
+    forces = changes @ places(arm, p, s, extra, theta)[..., None]  # k, S, 2m, 1
     m = len(arm.live)
     return np.moveaxis(-(on_motor @ forces[:, :, :m] + on_link @ forces[:, :, m:])[..., 0], 0, 2)
+
+
+def places(arm: Posture, p: Parameters, s: Complex, extra: Extra, theta: Complex) -> Complex:
+    """Returns where motors and links are, theta / N and q [S, 2m, joint side], when the motors are read at `theta` [S, m] at s [S]."""
+    _, _, Z_lm, Z_ll = stiffness(arm, p, s, extra.impedance)
+    x = theta if extra.reading is None else theta - extra.reading
+    x = (x if extra.angle_gain is None else x / extra.angle_gain) / arm.N
+    by_link = -times(Z_lm, x) if extra.on_link is None else extra.on_link - times(Z_lm, x)
+    return np.concatenate([x, np.linalg.solve(Z_ll, by_link[..., None])[..., 0]], axis=1)
 
 
 def _continuous(

@@ -89,9 +89,10 @@ def of_parts(
     n = campaign.n
     drives = []
     for i, (name, joint) in enumerate(zip(campaign.joints, model.chain.joints, strict=True)):
+        link_counts = None
         if robot is not None:
             declared = robot.drive(name)
-            counts, tau_max = declared.encoder_counts, declared.tau_max
+            counts, tau_max, link_counts = declared.encoder_counts, declared.tau_max, declared.link_encoder_counts
         else:
             counts, tau_max = _encoder_counts(campaign, i), _torque_limit(campaign, i, joint.effort)
         numbers = {"N": campaign.N[i], "J_m": J_m[i], "K": K[i], "D": D[i], "D_spring": D_spring[i]}
@@ -102,6 +103,7 @@ def of_parts(
                 encoder_counts=counts,
                 tau_max=float(tau_max),
                 linear=joint.type == PRISMATIC,
+                link_encoder_counts=link_counts,
             )
         )
     return Identified(

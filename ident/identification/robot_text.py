@@ -81,7 +81,7 @@ def _taken(drive: Drive, note: str) -> tuple[Drive, str]:
 def _drive_lines(drive: Drive) -> list[str]:
     per = ("N_rad_per_m", "K_N_per_m", "D_spring_Ns_per_m")
     N, K, D_spring = per if drive.linear else ("N", "K_Nm_per_rad", "D_spring_Nms_per_rad")
-    return [
+    lines = [
         f"[joint.{key(drive.joint)}]",
         f"{N} = {_number(drive.N)}",
         f"J_m_kgm2 = {_number(drive.J_m)}",
@@ -91,6 +91,9 @@ def _drive_lines(drive: Drive) -> list[str]:
         f"encoder_counts_per_rev = {drive.encoder_counts}",
         f"torque_limit_Nm = {_number(drive.tau_max)}",
     ]
+    if drive.link_encoder_counts is not None:
+        lines.append(f"link_encoder_counts_per_{'m' if drive.linear else 'rev'} = {drive.link_encoder_counts}")
+    return lines
 
 
 def _number(value: float) -> str:

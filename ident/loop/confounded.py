@@ -207,7 +207,7 @@ def never_told_apart(name: str, alone: bool, only: bool = False) -> tuple[str, .
 
 #: What separates two effects that motor signals never tell apart.
 NEVER = Separation(
-    "motor records never tell them apart; a sensor on the link, or a torque sensor, with a clock of its own would, but no fit and "
-    "no diagnosis reads one",
+    "motor records never tell them apart; an encoder on the link with a clock of its own does: the diagnosis says how early or late it "
+    "reads against the model",
     "link-sensor",
 )

@@ -24,6 +24,7 @@ from ident.joint.solve import inertia_std
 from ident.loop.confounded import AGAIN, NEVER, Separation, never_told_apart, separation
 from ident.loop.diagnose import Diagnosis
 from ident.loop.held_out import carried
+from ident.loop.link_encoders import remarks_on_links, told_by_links
 from ident.loop.repeats import remarks_on
 from ident.loop.scales import doubtful
 from ident.loop.unexplained import unexplained
@@ -70,18 +71,14 @@ def verdict_document(
     records = d.campaign.records
     reported = told_of(d.split, d.end, d.split.report)
     kinds = {"fit": d.split.fit, "select": d.split.select, "report": reported}
+    links = told_by_links(d)
     split = {kind: [records[one.index].id for one in those] for kind, those in kinds.items()} | {
         "note": _note(d, reported)
     }
     document: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
-        "input": {
-            **told(files),
-            "records": len(records),
-            "kind": "campaign",
-            "source": d.campaign.source,
-        },
+        "input": {**told(files), "records": len(records), "kind": "campaign", "source": d.campaign.source},
         "status": d.status,
         "declared": _declared(d),
         "effects": [_added(d, added) for added in d.added] + [_off(d, off) for off in d.off],
@@ -94,6 +91,7 @@ def verdict_document(
             "noise_per_joint": d.after.noise_per_joint,
             "noise_per_band": d.after.noise_per_band,
         },
+        "link_encoders": links,
         "inertia": _inertia(d),
         "drives": _drives(d),
         "unexplained": unexplained(d),
@@ -101,13 +99,13 @@ def verdict_document(
             *notes,
             *doubtful(d),
             *remarks_on(d.after.noise_per_joint),
+            *remarks_on_links(links),
             *not_closer(d.split, d.end),
             *statuses(d.campaign.joints, d.responses),
         ],
         "made_with": made_with or {},
     }
-    found: dict[str, Any] = plain(document)
-    return found
+    return dict(plain(document))
 
 
 def _note(d: Diagnosis, reported: Sequence[Evidence]) -> str:

@@ -260,6 +260,10 @@ def text(verdict: dict[str, Any], brief: bool = False, few: Collection[str] = ()
     lines += _errors(rows + of_joints)
     lines += [f"{joint:<22} no held-out record excites it" for joint in not_held_out(verdict)]
     lines += _errors(of_bands)
+    of_links = [
+        (f"{joint}, link encoder", w["before"], w["after"], w["noise"]) for joint, w in verdict["link_encoders"].items()
+    ]
+    lines += _errors(of_links)
     for k, effect in enumerate(verdict["effects"], 1):
         lines += [""] * (not effect["declared"] or k == len(_lacking(verdict)) + 1)
         lines += _of_effect(k, effect, verdict, brief)

@@ -243,7 +243,7 @@ def run(job: Job) -> Record:
     rest = resolution * np.round(plant.rest / resolution)
     theta, tau = np.tile(rest, (len(play), 1)), np.tile(plant.preload, (len(play), 1))
     live = list(setup.live)
-    theta[:, live], tau[:, live] = _play(
+    theta[:, live], tau[:, live], links = _play(
         plant, setup, play, noise, resolution[live], steps, Ts, lacking, machine, where
     )
     _check_motion(theta, plant, e.swing, e.samples_per_period, where)
@@ -258,7 +258,16 @@ def run(job: Job) -> Record:
         rms=setup.excitation.rms,
         tau=tau,
         theta=theta,
+        q_link=None if links is None else _read_links(links, plant, setup),
     )
+
+
+def _read_links(links: Array, plant: Plant, setup: Setup) -> Array:
+    """What encoders on the links read [T, n, rad] of those of the live joints [T, m]; the others stay at the posture."""
+    q = np.tile(setup.posture, (len(links), 1))
+    q[:, list(setup.live)] = links
+    step = np.array([drive.link_step for drive in plant.drives], dtype=float)
+    return np.asarray(step * np.round(q / step))
 
 
 def _arm(job: Job) -> tuple[Plant, Linear, Injected | None, int]:
@@ -310,12 +319,14 @@ def _play(
     lacking: Array | None,
     machine: Machine | None,
     where: str,
-) -> tuple[Array, Array]:
-    """Encoder readings [T, live, rad] and commanded torques [T, live, N m]; plain floats, a million times a campaign."""
+) -> tuple[Array, Array, Array | None]:
+    """Encoder readings [T, live, rad], commanded torques [T, live, N m] and, where they are read, the links' angles [T, live, rad]; plain
+    floats, a million times a campaign."""
     model, data, m = plant.model, plant.data(), len(setup.live)
     live, drives = list(setup.live), [plant.drives[k] for k in setup.live]
     command = controller(setup.servos, plant.rest[live].tolist(), plant.preload[live].tolist(), Ts)
     encoder = [(drive.N / unit, unit) for drive, unit in zip(drives, resolution.tolist(), strict=True)]
+    links: list[list[float]] | None = [] if drives[0].link_step else None
     limits, port = [drive.tau_max for drive in drives], setup.live.index(setup.joint)
     qpos, qvel, ctrl, motor = data.qpos, data.qvel, data.ctrl, data.qpos[::2]
     at_rest, preload, away, missing = plant.qpos, plant.preload[live], np.zeros(5 * m), np.zeros(4 * m)
@@ -336,6 +347,8 @@ def _play(
                     f"beyond its limit of {limit:g} N m"
                 )
         theta.append(read)
+        if links is not None:
+            links.append(machine.links() if machine else [a + b for a, b in zip(motor, qpos[1::2], strict=True)])
         tau.append(u)
         if machine:
             machine.advance(u, disturbance)
@@ -351,7 +364,8 @@ def _play(
         mujoco.mj_step(model, data, steps)
         qpos += x_missing
         qvel += v_missing
-    return machine.recorded(np.array(theta), resolution) if machine else np.array(theta), np.array(tau)
+    angles = machine.recorded(np.array(theta), resolution) if machine else np.array(theta)
+    return angles, np.array(tau), None if links is None else np.array(links)
 
 
 def _check_motion(theta: Array, plant: Plant, swing: float, period: int, where: str) -> None:

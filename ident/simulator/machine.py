@@ -87,6 +87,11 @@ class Machine:
         x = self._x.tolist()
         return [joint.read(joint.drive.N * x[joint.motor]) / joint.drive.N for joint in self._live]
 
+    def links(self) -> list[float]:
+        """The angles of the links of the live joints [m, rad] now."""
+        x = self._x.tolist()
+        return [x[joint.motor] + x[joint.spring] for joint in self._live]
+
     def recorded(self, theta: Array, resolution: Array) -> Array:
         """What is recorded [T, m] of the angles that the controller read [T, m, rad motor side], rounded to `resolution` [m]."""
         theta = np.array(theta)

@@ -42,6 +42,7 @@ SELECT, REPORT = (4,), (5,)
 def campaign(level: float = LEVEL) -> Campaign:
     robot = load_robot(ROOT / "robots/ypp3")
     short = replace(robot, experiment=replace(robot.experiment, f0=1.0, band=(1.0, 100.0), periods=3, fs=500.0))
+    short = replace(short, drives=tuple(replace(drive, link_encoder_counts=2**20) for drive in robot.drives))
     effects = [MotorCoulomb(JOINT, (level,))] if level else []
     return simulate(chain_of_robot(robot), short, CELLS, effects=effects, workers=1)
 

@@ -206,6 +206,18 @@ BAD = {
         with_key("encoder_counts_per_rev", "0.5"),
         "encoder_counts_per_rev: found 0.5, expected a whole number",
     ),
+    "half a count of the link": (
+        with_key("link_encoder_counts_per_rev", "0.5"),
+        "link_encoder_counts_per_rev: found 0.5, expected a whole number",
+    ),
+    "counts a turn of a slide": (
+        with_key("link_encoder_counts_per_rev", "4096", LINEAR),
+        "unknown key 'link_encoder_counts_per_rev'; expected .* link_encoder_counts_per_m, ",
+    ),
+    "an encoder on one link only": (
+        HEAD + joint("a", ROTARY) + joint("b", {**LINEAR, "link_encoder_counts_per_m": "100"}),
+        r"\[joint.b\]: link_encoder_counts_per_m: found at some joints only, expected at every joint or at none",
+    ),
     "no torque": (with_key("torque_limit_Nm", "0"), "torque_limit_Nm: found 0, expected a number > 0"),
     "one period": (
         HEAD + "[experiment]\nperiods = 1\n" + J,

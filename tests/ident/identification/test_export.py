@@ -240,12 +240,8 @@ def test_a_robot_directory_lends_what_no_record_tells(tmp_path: Path) -> None:
     found = load_robot(tmp_path)
     assert found.experiment == robot.experiment
     for old, new, K in zip(declared, found.drives, numbers[0], strict=True):
-        assert (new.encoder_counts, new.tau_max, new.linear, new.N) == (
-            old.encoder_counts,
-            old.tau_max,
-            old.linear,
-            old.N,
-        )
+        for name in ("encoder_counts", "tau_max", "linear", "N", "link_encoder_counts"):
+            assert getattr(new, name) == getattr(old, name)
         assert new.K == K
 
 

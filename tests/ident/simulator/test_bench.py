@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from scipy.linalg import expm
 
+from ident.effects.friction import LinkViscous
 from ident.errors import ExperimentError
 from ident.records.campaign import Campaign, Record
 from ident.simulator.bench import TORQUE_SHARE, design, head, prepare, run, simulate
@@ -150,6 +151,25 @@ def same(one: Campaign, two: Campaign) -> bool:
 
 BRIEF = replace(SHORT, periods=2)
 CELLS = [("joint3", POSTURE), ("joint1", [0.0, 0.4, 0.1])]
+
+
+def test_link_encoders_read_the_links_with_effects_and_without() -> None:
+    """Locked joints stay where they are, the first swings by less than a count; slowly a link follows its motor; an effect of no size is none."""
+    arm = robot(replace(BRIEF, f0=2.0, band=(2.0, 120.0), torque_noise=0.0), link_encoder_counts=2**20)
+    none = LinkViscous(2, (0.0,))
+    step = 2 * np.pi / 2**20
+    for lock, live in (("rigid", [2]), ("dob", [1, 2])):
+        plain, effect = (simulate(YPP, arm, CELLS[:1], lock=lock, effects=e, workers=1) for e in ((), (none,)))
+        q, other = (campaign.records[0].q_link for campaign in (plain, effect))
+        assert np.abs(q - other).max() < 1.5 * step
+        counts = q / step
+        assert np.abs(counts - np.round(counts)).max() < 1e-6
+        assert np.flatnonzero(np.ptp(q, axis=0) > 0).tolist() == live
+        assert np.abs(q[0] - CELLS[0][1]).max() < step
+        record = plain.records[0]
+        link, motor = spectra(record, np.stack([q[:, 2], record.theta[:, 2] / 100.0], axis=1), periods=1)[0]
+        assert record.lines[0] * record.f0 < 12.0, "far below its mode"
+        assert abs(link / motor - 1.0) < 0.03
 
 
 def test_the_seed_decides_and_the_number_of_workers_does_not() -> None:
