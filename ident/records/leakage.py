@@ -105,8 +105,17 @@ def _excess(leakage: Complex, errors: Complex, rounding: Array, M: int) -> Array
 
 
 def moving_average(values: NDArray[Any], width: int) -> NDArray[Any]:
-    """Returns the mean of `values` [L, ..] over `width` neighbouring lines, at the ends over the nearest `width`."""
+    """Returns the mean of `values` [L, ..] over `width` neighbouring lines, at the ends over the nearest `width`.
+
+    Summed by windows of 1, 2, 4, .. lines: a running sum would have the digits of the largest lines everywhere.
+    """
     L = len(values)
-    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
-    start = np.clip(np.arange(L) - width // 2, 0, L - width)
-    return (total[start + width] - total[start]) / width
+    total, window, size, done = np.zeros_like(values[: L - width + 1]), values, 1, 0
+    while True:
+        if width & size:
+            total = total + window[done : done + L - width + 1]
+            done += size
+        if 2 * size > width:
+            break
+        window, size = window[:-size] + window[size:], 2 * size
+    return np.asarray(total[np.clip(np.arange(L) - width // 2, 0, L - width)] / width)

@@ -304,3 +304,13 @@ def test_frequencies_are_those_of_the_lines():
     made = record(JOINT, 0, gains=SOFT, periods=3)
     frf = estimate(made, campaign(JOINT))
     assert frf.frequencies == pytest.approx(made.lines * FS / made.samples_per_period, rel=1e-15)
+
+
+@pytest.mark.parametrize("width", [1, 6, 7, 16, 40])
+def test_a_mean_over_lines_has_the_digits_of_its_own_lines(width: int) -> None:
+    """Lines that are 1e20 times as large, elsewhere, say nothing of a small one: a running sum lost it."""
+    values = np.random.default_rng(0).uniform(1.0, 2.0, (60, 2))
+    values[:9] *= 1e20
+    starts = np.clip(np.arange(60) - width // 2, 0, 60 - width)
+    exact = [values[k : k + width].mean(axis=0) for k in starts]
+    assert moving_average(values, width) == pytest.approx(np.array(exact), rel=1e-13, abs=0.0)
