@@ -35,7 +35,7 @@ OF_PRODUCTS = 3
 #: A joint that is nearer to its posture than this share of what its spring is wound by may be there by a spring that is not known that
 #: well.
 SAGS = 0.3
-#: Times the forces are computed from the links that they move.
+#: Times the forces, those of second order among them, are computed from the links that they move.
 PASSES = 2
 
 #: What a force is of, and itself [S]: a velocity and the dry friction against it, a position and what a law with a memory has there.
@@ -84,16 +84,15 @@ def moved(scene: Scene, p: Parameters, effects: Sequence[Effect], doubted: str =
     on, second = _nothing(wide), None
     mean_tau = mean_torques(wide, p, effects)
     motion, links = _motion(wide, p, linear, on, doubts, mean_tau, {})
-    for _ in range(PASSES if forceful else 1):
+    for _ in range(PASSES):
         now = signals(wide, effects, motion)
         on = _forces(wide, now, Moved(motion, None))
         if scene.slopes is not None:
             second = second_order(scene, p, effects, links[inside], motion)
             on["link"][inside] += second
-        if forceful:
-            means = {key: float(signal.mean()) for key, signal in now.items()}
-            misread = {k: mean for (port, k), mean in means.items() if port == "reading"}
-            motion, links = _motion(wide.misread(misread), p, linear, on, doubts, mean_tau, means)
+        means = {key: float(signal.mean()) for key, signal in now.items()}
+        misread = {k: mean for (port, k), mean in means.items() if port == "reading"}
+        motion, links = _motion(wide.misread(misread), p, linear, on, doubts, mean_tau, means)
     return Moved(motion, second)
 
 

@@ -17,6 +17,7 @@ from ident.arm.arm_model import DRIVES, Parameters
 from ident.arm.descent import Minimum, minimise
 from ident.arm.evidence import Evidence, evidence, gravity_basis, scenes_of
 from ident.arm.parts import degrees
+from ident.arm.sliding import TURNS
 from ident.effects.base import Effect
 from ident.errors import IdentError
 from ident.joint.certainty import certainty, thin
@@ -26,7 +27,7 @@ from ident.joint.start import START_DAMPING
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import Complex, Frf
 from ident.records.quantisation import HIDDEN_STEPS
-from ident.records.resting import rested
+from ident.records.resting import THERE, are_elsewhere, rested
 from symgen.plan import Model
 
 #: Where a drive is not declared and nothing was fitted: only a start value, for a motor of a few hundred watts.
@@ -47,7 +48,9 @@ NOISE_MODEL = 0.05
 #: The way from the start is gone with about this many lines a record: a hundredth of a resonance is not needed to find it.
 FEW_LINES = 100
 #: Times that records are read anew at the postures where K tells that they rest, and how far chi^2 must fall for that.
-PLACES, LEAST = 2, 1.0
+PLACES, LEAST = 8, 1.0
+#: Noise powers of odd lines up to which links may swing so far that what is of second order comes back there.
+SWINGS = 20.0
 #: Share of its standard deviation below which a value is none.
 NOTHING = 1e-3
 
@@ -61,7 +64,8 @@ class CoupledFit:
     it. K [N m/rad, joint side], J_m [kg m2], D [N m s/rad] motor side, D_spring [N m s/rad, joint side], each [n], with
     `drive_std` [4, n] in the order of `DRIVES`. `gravity` [r, kg m] the orthonormal combinations of first moments on
     which the gravity stiffness depends (`gravity_basis`). `chi2_per_dof` over `dof` degrees of freedom is `explained`
-    when below `chi2_limit`. `predictions`: see `predict`. `postures` [R][n]: where the records rest, as they were read.
+    when below `chi2_limit`. `predictions`: see `predict`. `responses`: the records, as they were read, at the postures where they rest; `every` line of them was
+    fitted, with the motion that terms of second order make.
     """
 
     alpha: Array
@@ -80,7 +84,8 @@ class CoupledFit:
     converged: bool
     status: tuple[str, ...]
     predictions: tuple[Complex, ...]
-    postures: tuple[Array, ...]
+    responses: tuple[Frf, ...]
+    every: bool
 
     def predict(self, record_index: int) -> Complex:
         """The model's motor angles of all joints [L, n, rad] at the lines of that record, for its measured torques."""
@@ -120,20 +125,29 @@ def fit_coupled(
         found = minimise(problem, found.vector)
     for _ in range(PLACES):
         there = rested(campaign, responses, problem.parameters(found.vector).K)
-        if there is None:
+        if are_elsewhere(responses, there) <= THERE:
+            responses = there
             break
         moved = replace(problem, data=evidence_of(campaign, model, basis, there))
         other = minimise(moved, found.vector)
         if other.chi2 >= found.chi2 - LEAST:
             break
         problem, found, responses = moved, other, there
-    return _result(campaign, model, responses, problem, found)
+    fit = _result(campaign, model, responses, problem, found)
+    if fit.explained or fit.chi2_per_dof > SWINGS:
+        return fit
+    swung = replace(problem, data=evidence_of(campaign, model, basis, responses, every=True), turns=TURNS)
+    whole = _result(campaign, model, responses, swung, minimise(swung, found.vector))
+    return whole if whole.chi2_per_dof / whole.chi2_limit < fit.chi2_per_dof / fit.chi2_limit else fit
 
 
-def evidence_of(campaign: Campaign, model: Model, basis: Array, responses: Sequence[Frf]) -> tuple[Evidence, ...]:
-    """Returns the records at the lines that are fitted: every one where even ones are excited, as terms of second order act there."""
+def evidence_of(
+    campaign: Campaign, model: Model, basis: Array, responses: Sequence[Frf], every: bool = False
+) -> tuple[Evidence, ...]:
+    """Returns the records at the lines that are fitted: those that are usable; `every` one where even ones are excited, or links swing far, as
+    terms of second order act there."""
     odd = all(np.all(record.lines % 2) for record in campaign.records)
-    lines = "usable" if odd else "every"
+    lines = "usable" if odd and not every else "every"
     return tuple(evidence(campaign, model, basis, frf, k, lines) for k, frf in enumerate(responses))
 
 
@@ -265,7 +279,7 @@ def _result(campaign: Campaign, model: Model, responses: Sequence[Frf], problem:
         alpha, covariance, unseen, p.K, p.J_m, p.D, p.D_spring,
         _drive_std(problem, found, np.concatenate([plain.D, plain.D_spring])), p.gravity,
         chi2, dof, limit, chi2 <= limit, found.converged, (), _predictions(problem, found.vector, shown, responses),
-        tuple(frf.posture for frf in responses),
+        tuple(responses), problem.turns > 0,
     )  # fmt: skip
     coarse = _coarse(campaign, model, responses, fit)
     return replace(fit, status=(*_status(fit, absent, campaign, model), *coarse))

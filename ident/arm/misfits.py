@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +13,7 @@ from ident.arm.arm_model import DRIVES, Parameters
 from ident.arm.coupled import CoupledFit, evidence_of, problem_of
 from ident.arm.evidence import Evidence, gravity_basis
 from ident.arm.parts import degrees
+from ident.arm.sliding import TURNS
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import Complex, Frf
 from symgen.plan import Model
@@ -53,22 +53,22 @@ def of_response(frf: Frf, G: Complex) -> Misfit:
     return Misfit(frf.frequencies[use], np.abs(frf.G - G)[use] / np.sqrt(frf.variance[use]), 1)
 
 
-def of_coupled(campaign: Campaign, model: Model, responses: Sequence[Frf], fit: CoupledFit) -> tuple[Whole, ...]:
+def of_coupled(campaign: Campaign, model: Model, fit: CoupledFit) -> tuple[Whole, ...]:
     """Returns what a fit of all motors leaves of each record, as it weighs them: torque noise of all motors through the arm, and angle
     noise. The records' chi2_per_dof, weighted by their numbers, are the fit's.
 
     Drives that no datasheet tells, and dampings, are the fitted ones in the declared arm, too.
     """
     basis = gravity_basis(model, campaign.gravity)
-    there = [replace(frf, posture=q) for frf, q in zip(responses, fit.postures, strict=True)]
-    data = evidence_of(campaign, model, basis, there)
+    data = evidence_of(campaign, model, basis, fit.responses, fit.every)
     fitted = Parameters(fit.K, fit.J_m, fit.D, fit.D_spring, fit.alpha, fit.gravity)
     problem, vector = problem_of(campaign, model, basis, data, fitted), fitted.vector()
+    problem = replace(problem, turns=TURNS if fit.every else 0)
     share = degrees(data) / fit.dof
     K, J_m, D, D_spring = (_known(getattr(campaign, name), getattr(fit, name)) for name in DRIVES)
     declared = Parameters(K, J_m, D, D_spring, model.alpha_cad, basis @ model.chain.parameters).vector()
     found = []
-    for one, kept, frf in zip(data, hold(problem, vector), responses, strict=True):
+    for one, kept, frf in zip(data, hold(problem, vector), fit.responses, strict=True):
         left = whitened_by(kept.W, residual(problem, vector, one, kept.moved)[0])
         power = np.mean(np.abs(left) ** 2, axis=1)
         misfit = Misfit(one.sampling.f, np.sqrt(power), left.shape[1])

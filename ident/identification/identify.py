@@ -163,6 +163,9 @@ def identify(
         readings = _read(campaign, model, responses, method, J_cad, workers)
     with _timed(seconds, "solve"):
         if readings.coupled is not None:
+            responses = list(readings.coupled.responses)  # at the postures where they rest
+            q = np.array([frf.posture for frf in responses])
+            J_cad = model.J_cad(q)
             arm = of_coupled(campaign, model, q, index, readings.coupled)
         else:
             three = readings.three_point if method == "three-point" else None
@@ -281,7 +284,7 @@ def _told(
     """Yields of each record the model's response, the declared arm's, the misfit, and its chi2_per_dof, limit, `explained`."""
     fit = readings.coupled
     if fit is not None:
-        for k, whole in enumerate(misfits.of_coupled(campaign, model, responses, fit)):
+        for k, whole in enumerate(misfits.of_coupled(campaign, model, fit)):
             i = responses[k].index
             G = fit.predict(k)[:, i] / responses[k].tau[:, i]
             yield G, whole.declared, whole.misfit, (whole.chi2_per_dof, fit.chi2_limit, fit.explained)

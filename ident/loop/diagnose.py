@@ -33,6 +33,7 @@ from ident.search.added import (
     was_named,
 )
 from ident.search.apart import apart
+from ident.search.beginnings import begun_at_rest
 from ident.search.changes import told_of
 from ident.search.choice import Tried
 from ident.search.contradicted import Off, contradicted, merged
@@ -297,10 +298,13 @@ def begin(
     if not campaign.records:
         raise IdentError("the campaign holds no records; expected at least one")
     basis = gravity_basis(model, campaign.gravity)
-    data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
-    guess = declared_start(campaign, model, responses, basis)
-    bench = Bench(campaign, model, basis, split(data, model), guess, workers, until=until, say=say)
-    bench, start = begun(bench)
+
+    def bench_of(responses: Sequence[Frf]) -> tuple[tuple[Evidence, ...], Bench]:
+        data = tuple(evidence(campaign, model, basis, frf, k, "every") for k, frf in enumerate(responses))
+        guess = declared_start(campaign, model, responses, basis)
+        return data, Bench(campaign, model, basis, split(data, model), guess, workers, until=until, say=say)
+
+    responses, data, bench, start = begun_at_rest(responses, bench_of)
     if not bench.split.note and is_uneven(bench, start):
         bench, start = _by_lines(bench, data)
     return Begun(responses, data, bench, start)

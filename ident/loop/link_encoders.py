@@ -137,7 +137,7 @@ def _read(d: Diagnosis, one: Evidence, before: Complex, after: Complex) -> LinkR
     q = record.q_link[frf.first * S :, [one.excited]]
     mean, errors, _ = between_lines(q, frf.periods, one.scene.lines[use])
     power = np.mean(np.abs(errors[:, :, 0] - _by_torque_noise(d.end, one)[:, use]) ** 2, axis=0)
-    _, floors = quantisation(encoder_step(q), q.reshape(frf.periods, S, 1), bool(np.all(record.lines % 2)))
+    _, floors = quantisation(encoder_step(q), q.reshape(frf.periods, S, 1), bool(np.all(record.lines % 2)), record.f0)
     noise = np.sqrt(np.maximum(power, floors[one.scene.lines[use], 0]))
     return LinkRead(one.excited, one.scene.s[use], mean[:, 0], before[use, k], after[use, k], noise)
 

@@ -9,6 +9,7 @@ both carry their error, so that feedback does not bias anything.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -190,7 +191,7 @@ def estimate(record: Record, campaign: Campaign) -> Frf:
             f"record {record.id}: line {silent[0]} is listed as excited, but {record.excited} has no torque there"
         )
     periods = kept.reshape(M, S, 2 * n)
-    floor, floors = quantisation(step, periods[:, :, n:], bool(np.all(lines % 2)))
+    floor, floors = quantisation(step, periods[:, :, n:], bool(np.all(lines % 2)), record.f0)
     width, dof = _averaging(len(lines), _spacing(lines), M)
     variance = _variance(
         tau[:, joint], theta[:, joint], noise[:, excited][:, :, [joint, n + joint]], width, floors[lines, joint]
@@ -341,9 +342,17 @@ def _posture_status(record: Record, campaign: Campaign, drift: Array, offset: Ar
             found.append(
                 f"record {record.id}: the mean of {name} drifts by {drift[k]:.2g}, allowed {DRIFT_TOLERANCE:g}"
             )
-        if abs(offset[k]) > POSTURE_TOLERANCE:
-            found.append(
-                f"record {record.id}: {name} rests {offset[k]:+.3g} from its declared posture,"
-                f" allowed {POSTURE_TOLERANCE:g}: it may have fallen to another equilibrium"
-            )
-    return found
+    return found + off_posture(record.id, campaign.joints, offset)
+
+
+#: What the lines of `off_posture` say, and no other.
+RESTS = "from its declared posture, allowed"
+
+
+def off_posture(record: str, joints: Sequence[str], offset: Array) -> list[str]:
+    """Returns a line for every joint that rests away from the declared posture by its `offset` [n, rad or m]."""
+    return [
+        f"record {record}: {name} rests {offset[k]:+.3g} {RESTS} {POSTURE_TOLERANCE:g}: it may have fallen to another equilibrium"
+        for k, name in enumerate(joints)
+        if abs(offset[k]) > POSTURE_TOLERANCE
+    ]

@@ -9,33 +9,40 @@ import numpy as np
 
 from ident.errors import IdentError
 from ident.records.campaign import Array, Campaign
-from ident.records.frf import Frf
+from ident.records.frf import RESTS, Frf, off_posture
 
-#: A joint [rad or m] farther than this from its declared posture is told by another zero; nearer than that it is there.
-ASIDE, THERE = 0.05, 2e-5
+#: A joint [rad or m] farther than this from its declared posture, and than this share of what its spring sags, is told by another zero;
+#: nearer than that it is there.
+ASIDE, SAGS, THERE = 0.05, 1.5, 2e-5
 
 #: A mean that lies as far from all postures, up to this share, and farther than this [rad or m], is a zero that is off: J(q) by another angle.
 ALIKE, SHIFTED = 0.1, 3e-3
 
 
-def rested(campaign: Campaign, responses: Sequence[Frf], K: Array) -> tuple[Frf, ...] | None:
-    """Returns the `responses` at the postures at which the records rest, if the springs have these stiffnesses K [n, N m/rad joint side].
+def rested(campaign: Campaign, responses: Sequence[Frf], K: Array) -> tuple[Frf, ...]:
+    """Returns the `responses` at the postures at which the records rest, if the springs have these stiffnesses K [n, N m/rad joint side]:
+    the same postures where all rest as these say.
 
-    None where all rest as declared. A joint that rests farther off than an angle's zero may be is left at its declared posture.
-    Raises IdentError for a response without spectra.
+    A joint that rests farther off than an angle's zero may be, or a spring that sags by another stiffness, is left at its posture, and said
+    to be off. Raises IdentError for a response without spectra.
     """
-    aside = [_aside(campaign, frf, K) for frf in responses]
-    if np.all(np.abs(aside) <= THERE):
-        return None
-    return tuple(replace(frf, posture=frf.posture + away) for frf, away in zip(responses, aside, strict=True))
+    return tuple(_rested(campaign, frf, K) for frf in responses)
 
 
-def _aside(campaign: Campaign, frf: Frf, K: Array) -> Array:
-    """How far the links rest from the posture [n, rad or m]."""
+def are_elsewhere(responses: Sequence[Frf], others: Sequence[Frf]) -> float:
+    """How far apart the postures of two readings of the same records are at most [rad or m]."""
+    return max(float(np.abs(one.posture - other.posture).max()) for one, other in zip(responses, others, strict=True))
+
+
+def _rested(campaign: Campaign, frf: Frf, K: Array) -> Frf:
     if frf.band is None:
         raise IdentError(f"record {frf.record}: its spectra are missing; expected those of estimate()")
-    aside = frf.band.mean_theta / campaign.N - campaign.N * frf.band.mean_tau / K - frf.posture
-    return np.where(np.abs(aside) < ASIDE, aside, 0.0)
+    sag = campaign.N * frf.band.mean_tau / K
+    aside = frf.band.mean_theta / campaign.N - sag - frf.posture
+    away = np.where(np.abs(aside) < np.maximum(ASIDE, SAGS * np.abs(sag)), aside, 0.0)
+    moved = frf.posture + away if np.abs(away).max() > THERE else frf.posture
+    status = [line for line in frf.status if RESTS not in line] + off_posture(frf.record, campaign.joints, aside - away)
+    return replace(frf, posture=moved, offset=aside - away, status=tuple(status))
 
 
 def statuses(joints: Sequence[str], responses: Sequence[Frf]) -> list[str]:
