@@ -12,7 +12,8 @@ from two_joints import two_joints
 
 from ident.records.campaign import Campaign, Record
 from ident.records.faults import FLAG, REFUSE, Fault, faults
-from ident.records.joint_faults import at_rest, observe
+from ident.records.joint_faults import at_rest
+from ident.records.looks import observe
 from ident.simulator.bench import simulate
 from symgen.plan import model_of_urdf
 
@@ -35,6 +36,17 @@ def soft(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     return simulate(chain, robot, cells, seed=0, workers=1)
 
 
+@pytest.fixture(scope="module")
+def softer(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """Of an arm whose second spring gives by 0.2 rad under gravity."""
+    folder: Path = tmp_path_factory.mktemp("softer")
+    drives = [{"K_Nm_per_rad": K, "D_spring_Nms_per_rad": 0.1} for K in (100.0, 10.0)]
+    robot = two_joints(folder, EXPERIMENT, *drives)
+    chain = model_of_urdf((folder / "r.urdf").read_text(), ("j1", "j2")).chain
+    cells = [("j2", np.array(POSTURES[0])), *[("j1", np.array(q)) for q in POSTURES], ("j2", np.array(POSTURES[2]))]
+    return simulate(chain, robot, cells, seed=0, workers=1)
+
+
 def with_theta(campaign: Campaign, j: int, factor: float) -> Campaign:
     scale = np.where(np.arange(campaign.n) == j, factor, 1.0)
     return replace(campaign, records=tuple(replace(r, theta=r.theta * scale) for r in campaign.records))
@@ -44,6 +56,51 @@ def test_a_spring_that_gives_is_no_fault(soft: Campaign) -> None:
     bent = [r.tau[:, 1].mean() * soft.N[1] / soft.K[1] for r in soft.records]
     assert np.abs(bent).max() > 0.06
     assert found(soft) == ()
+
+
+def with_K(campaign: Campaign, factor: float) -> Campaign:
+    return replace(campaign, K=campaign.K * factor)
+
+
+def zero_off(campaign: Campaign, j: int, by: float) -> Campaign:
+    shift = np.where(np.arange(campaign.n) == j, by, 0.0) * campaign.N
+    return replace(campaign, records=tuple(replace(r, theta=r.theta + shift) for r in campaign.records))
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.7, 1.4, 2.0, np.nan])
+def test_sag_by_another_stiffness_is_no_fault(softer: Campaign, factor: float) -> None:
+    """Where K is unknown, or off: what goes with the load is the spring's."""
+    assert found(with_K(softer, factor)) == ()
+
+
+def test_sag_of_records_of_one_load_is_no_zero(softer: Campaign) -> None:
+    """The motion tells which: K is that of the sag, or another."""
+    one = replace(softer, records=softer.records[:1], K=softer.K * [1.0, np.nan])
+    assert found(one) == ()
+    (zero,) = found(zero_off(one, 1, 0.6))  # 3 N m/rad
+    assert (zero.joint, zero.severity) == ("j2", REFUSE)
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.0, 1.4, np.nan])
+def test_what_does_not_go_with_the_load_is_no_sag(softer: Campaign, factor: float) -> None:
+    campaign = with_K(softer, factor)
+    (zero,) = found(zero_off(campaign, 1, 0.3))
+    assert (zero.name, zero.joint) == ("encoder zero", "j2")
+    assert float(zero.line.split("off by ")[1].split()[0]) == pytest.approx(0.3, abs=0.05)
+    fallen = replace(campaign.records[1], posture=campaign.records[1].posture + [0.0, 0.3])
+    (other,) = found(replace(campaign, records=(campaign.records[0], fallen, *campaign.records[2:])))
+    assert (other.name, other.joint, other.record) == ("another posture", "j2", campaign.records[1].id)
+    (sign,) = found(with_theta(campaign, 1, -1.0))
+    assert (sign.name, sign.joint) == ("wrong sign", "j2")
+    (degrees,) = found(with_theta(campaign, 1, 180 / np.pi))
+    assert (degrees.name, degrees.joint) == ("degrees for radians", "j2")
+    (gear,) = found(replace(campaign, N=campaign.N * [1.0, 0.5]))
+    assert (gear.name, gear.joint) == ("wrong gear ratio", "j2")
+
+
+@pytest.mark.parametrize("K", [0.1, 0.3, 3.0, 10.0])
+def test_a_stiffness_that_no_datasheet_is_off_by_is_no_sag(softer: Campaign, K: float) -> None:
+    assert [fault.joint for fault in found(replace(softer, K=softer.K * [1.0, K])) if fault.severity == REFUSE]
 
 
 def test_faults_of_a_soft_joint_keep_their_names(soft: Campaign) -> None:

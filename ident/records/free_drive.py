@@ -1,0 +1,54 @@
+"""How well a joint's motion goes with another gear, spring, rotor or links than declared: datasheets and CAD are off by tens of per cent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ident.records.campaign import Array, Campaign
+from ident.records.looks import Look, felt_by_motors, hold_gain
+
+#: What K, J_m and J of a joint may be, over what is declared, before another number of it is blamed.
+OFF = np.geomspace(1 / 1.7, 1.7, 7)
+#: An explanation is worse than another where it misses by this many times as much, and by this part: less is the step of `OFF`.
+BETTER, MISSES = 2.0, 0.12
+#: Stiffnesses, over the one asked about, that might explain the motion in its place.
+_OTHERS = np.geomspace(1 / 64, 64, 25)
+_ONE = np.ones(1)
+
+
+def misfit(campaign: Campaign, look: Look, N: Array, K: Array, J: Array, J_m: Array) -> Array:
+    """Median |log ratio| [len(N), len(K), len(J), len(J_m)] over the lines of what the excited motor did and what the declared arm's does
+    with its gear ratio, links and rotor `N`, `J`, `J_m` times the declared ones, and its spring `K` [N m/rad]."""
+    i, tau, gear = look.index, hold_gain(campaign, look.f) * look.tau[:, look.index], campaign.N[look.index]
+    live = np.flatnonzero(np.ptp(look.record.theta[-look.record.samples_per_period :], axis=0) > 0)
+    port = int(np.searchsorted(live, i))
+    others = np.delete(np.arange(len(live)), port)
+    motion = look.theta[:, live[others]] / campaign.N[live[others]]
+    found = np.empty((len(N), len(K), len(J), len(J_m)))
+    for k, stiffness in enumerate(K):
+        springs = replace(campaign, K=np.where(np.arange(campaign.n) == i, stiffness, campaign.K))
+        for m, links in enumerate(J):
+            felt, rotor = felt_by_motors(springs, links * look.J, live, look.f)
+            moved = np.einsum("lk,lk->l", felt[:, port, others], motion)
+            for g, ratio in enumerate(N):
+                rotors = np.multiply.outer(ratio**2 * J_m, rotor[:, port])
+                expected = ratio * gear * (ratio * gear * tau - moved) / (felt[:, port, port] + rotors)
+                found[g, k, m] = np.median(np.abs(np.log(np.abs(look.theta[:, i] / expected))), axis=-1)
+    return found
+
+
+def judges(campaign: Campaign, looks: list[Look], j: int) -> list[Look]:
+    """The records whose motion tells of joint j: it is excited, and its J_m known."""
+    return [look for look in looks if look.index == j and np.isfinite(look.expected).all()]
+
+
+def refutes(campaign: Campaign, looks: list[Look], j: int, K: float) -> bool:
+    """Whether the motion is not that of a joint whose spring is K [N m/rad], while another spring explains it."""
+    own = judges(campaign, looks, j)
+    if not own:
+        return False
+    each = np.mean([misfit(campaign, look, _ONE, K * _OTHERS, OFF, OFF) for look in own], axis=0)
+    by_spring = each.reshape(len(_OTHERS), -1).min(axis=1)
+    return bool(by_spring[len(_OTHERS) // 2] > max(MISSES, BETTER * by_spring.min()))
