@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from ident.records.campaign import Array, Campaign
 from ident.records.looks import Look, felt_by_motors, hold_gain
 
 #: What K, J_m and J of a joint may be, over what is declared, before another number of it is blamed.
-OFF = np.geomspace(1 / 1.7, 1.7, 7)
+OFF = np.geomspace(1 / 1.7, 1.7, 13)
 #: An explanation is worse than another where it misses by this many times as much, and by this part: less is the step of `OFF`.
 BETTER, MISSES = 2.0, 0.12
 #: Stiffnesses, over the one asked about, that might explain the motion in its place.
@@ -39,6 +40,16 @@ def misfit(campaign: Campaign, look: Look, N: Array, K: Array, J: Array, J_m: Ar
     return found
 
 
+def least(campaign: Campaign, looks: Sequence[Look], j: int, N: Array) -> Array:
+    """Returns how far (see `misfit`) the motion of joint j is from that of each of `N` [G] times the declared gear ratio, by those numbers in
+    `OFF` that fit it best."""
+    return _mean(campaign, looks, N, OFF * campaign.K[[j]], OFF, OFF).reshape(len(N), -1).min(axis=1)
+
+
+def _mean(campaign: Campaign, looks: Sequence[Look], N: Array, K: Array, J: Array, J_m: Array) -> Array:
+    return np.asarray(np.mean([misfit(campaign, look, N, K, J, J_m) for look in looks], axis=0))
+
+
 def judges(campaign: Campaign, looks: list[Look], j: int) -> list[Look]:
     """The records whose motion tells of joint j: it is excited, and its J_m known."""
     return [look for look in looks if look.index == j and np.isfinite(look.expected).all()]
@@ -49,6 +60,5 @@ def refutes(campaign: Campaign, looks: list[Look], j: int, K: float) -> bool:
     own = judges(campaign, looks, j)
     if not own:
         return False
-    each = np.mean([misfit(campaign, look, _ONE, K * _OTHERS, OFF, OFF) for look in own], axis=0)
-    by_spring = each.reshape(len(_OTHERS), -1).min(axis=1)
+    by_spring = _mean(campaign, own, _ONE, K * _OTHERS, OFF, OFF).reshape(len(_OTHERS), -1).min(axis=1)
     return bool(by_spring[len(_OTHERS) // 2] > max(MISSES, BETTER * by_spring.min()))

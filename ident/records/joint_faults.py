@@ -85,7 +85,8 @@ def at_rest(campaign: Campaign, looks: list[Look], j: int) -> list[Fault]:
             return [slip]
     if _is_spring(campaign, looks, j, compliance(load, off, K)) and not _answer(campaign, looks, j)[0] < -AGREES:
         return []
-    if (slip := _slip(campaign, looks, j, lambda error: compliance(load, error, K) * load)) is not None:
+    posed = np.abs(posture_of(looks, j)).max() > AT_REST  # any spring's deflection looks like a slip of itself
+    if posed and (slip := _slip(campaign, looks, j, lambda error: compliance(load, error, K) * load)) is not None:
         return [slip]
     if (shifted := _shifted_of_any(campaign, looks, j, off)) is not None:
         return [shifted]

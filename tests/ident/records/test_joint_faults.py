@@ -150,3 +150,38 @@ def test_a_gear_that_reverses_is_told_of_a_joint_that_rested_at_zero(soft: Campa
     (fault,) = found(replace(soft, N=soft.N * [-1.0, 1.0]))
     assert (fault.name, fault.joint, fault.severity) == ("doubtful gear ratio", "j1", FLAG)
     assert "declare N = 100" in fault.line
+
+
+def declared(campaign: Campaign, K: float, J_m: float, mass: float) -> Campaign:
+    """The campaign as one would have it whose datasheets and CAD are off by these factors."""
+    urdf = re.sub(r'(mass value|i[xyz][xyz])="([^"]+)"', lambda m: f'{m[1]}="{mass * float(m[2])}"', campaign.urdf)
+    return replace(campaign, K=K * campaign.K, J_m=J_m * campaign.J_m, urdf=urdf)
+
+
+@pytest.fixture(scope="module")
+def light(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """Of an arm whose motors are light beside their links, the first one at rest at 0 always."""
+    folder: Path = tmp_path_factory.mktemp("light")
+    robot = two_joints(folder, EXPERIMENT, *[{"J_m_kgm2": 2e-6, "K_Nm_per_rad": 150.0}] * 2)
+    chain = model_of_urdf((folder / "r.urdf").read_text(), ("j1", "j2")).chain
+    return simulate(chain, robot, [("j1", np.zeros(2)), ("j2", np.zeros(2))], lock="rigid", seed=0, workers=1)
+
+
+OFF = [(0.7, 1.3, 1.3), (1.3, 0.7, 0.7), (0.6, 1.4, 1.4), (1.4, 0.6, 0.6)]
+
+
+@pytest.mark.parametrize("off", OFF)
+def test_drives_and_links_that_are_off_are_no_gear_ratio(light: Campaign, off: tuple[float, float, float]) -> None:
+    assert found(declared(light, *off)) == ()
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0, 10.0, 100.0])
+def test_a_gear_ratio_of_a_joint_at_zero_is_told_by_its_motion(light: Campaign, factor: float) -> None:
+    (gear,) = found(replace(light, N=light.N * [factor, 1.0]))
+    assert (gear.name, gear.joint, gear.severity) == ("wrong gear ratio", "j1", REFUSE)
+    assert float(gear.line.split("about ")[1].split()[0]) == pytest.approx(100, rel=0.3)
+
+
+def test_a_gear_ratio_is_told_where_drives_and_links_are_off(light: Campaign) -> None:
+    (gear,) = found(replace(declared(light, 0.8, 1.2, 1.2), N=light.N * [0.3, 1.0]))
+    assert (gear.name, gear.joint, gear.severity) == ("wrong gear ratio", "j1", REFUSE)
