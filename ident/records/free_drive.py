@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.records.campaign import Array, Campaign
-from ident.records.looks import Look, felt_by_motors, hold_gain
+from ident.records.looks import Complex, Look, felt_by_motors, hold_gain
 
 #: What K, J_m and J of a joint may be, over what is declared, before another number of it is blamed.
 OFF = np.geomspace(1 / 1.7, 1.7, 13)
@@ -22,22 +22,26 @@ _ONE = np.ones(1)
 def misfit(campaign: Campaign, look: Look, N: Array, K: Array, J: Array, J_m: Array) -> Array:
     """Median |log ratio| [len(N), len(K), len(J), len(J_m)] over the lines of what the excited motor did and what the declared arm's does
     with its gear ratio, links and rotor `N`, `J`, `J_m` times the declared ones, and its spring `K` [N m/rad]."""
-    i, tau, gear = look.index, hold_gain(campaign, look.f) * look.tau[:, look.index], campaign.N[look.index]
+    found = np.empty((len(N), len(K), len(J), len(J_m)))
+    for k, m in np.ndindex(len(K), len(J)):
+        found[:, k, m] = np.median(
+            np.abs(np.log(np.abs(_ratios(campaign, look, N, float(K[k]), float(J[m]), J_m)))), axis=-1
+        )
+    return found
+
+
+def _ratios(campaign: Campaign, look: Look, N: Array, K: float, J: float, J_m: Array) -> Complex:
+    """Ratios [len(N), len(J_m), L] of what the excited motor did to what it does with these numbers, as in `misfit`."""
+    i, tau, gear = look.index, hold_gain(campaign, look.f) * look.tau[:, look.index], N * campaign.N[look.index]
     live = np.flatnonzero(np.ptp(look.record.theta[-look.record.samples_per_period :], axis=0) > 0)
     port = int(np.searchsorted(live, i))
     others = np.delete(np.arange(len(live)), port)
-    motion = look.theta[:, live[others]] / campaign.N[live[others]]
-    found = np.empty((len(N), len(K), len(J), len(J_m)))
-    for k, stiffness in enumerate(K):
-        springs = replace(campaign, K=np.where(np.arange(campaign.n) == i, stiffness, campaign.K))
-        for m, links in enumerate(J):
-            felt, rotor = felt_by_motors(springs, links * look.J, live, look.f)
-            moved = np.einsum("lk,lk->l", felt[:, port, others], motion)
-            for g, ratio in enumerate(N):
-                rotors = np.multiply.outer(ratio**2 * J_m, rotor[:, port])
-                expected = ratio * gear * (ratio * gear * tau - moved) / (felt[:, port, port] + rotors)
-                found[g, k, m] = np.median(np.abs(np.log(np.abs(look.theta[:, i] / expected))), axis=-1)
-    return found
+    springs = replace(campaign, K=np.where(np.arange(campaign.n) == i, K, campaign.K))
+    felt, rotor = felt_by_motors(springs, J * look.J, live, look.f)
+    moved = np.einsum("lk,lk->l", felt[:, port, others], look.theta[:, live[others]] / campaign.N[live[others]])
+    force = gear[:, None] * (gear[:, None] * tau - moved)
+    rotors = np.multiply.outer(np.multiply.outer(N**2, J_m), rotor[:, port])
+    return np.asarray(look.theta[:, i] * (felt[:, port, port] + rotors) / force[:, None])
 
 
 def least(campaign: Campaign, looks: Sequence[Look], j: int, N: Array) -> Array:
@@ -62,3 +66,13 @@ def refutes(campaign: Campaign, looks: list[Look], j: int, K: float) -> bool:
         return False
     by_spring = _mean(campaign, own, _ONE, K * _OTHERS, OFF, OFF).reshape(len(_OTHERS), -1).min(axis=1)
     return bool(by_spring[len(_OTHERS) // 2] > max(MISSES, BETTER * by_spring.min()))
+
+
+def agrees(campaign: Campaign, looks: list[Look], j: int) -> tuple[float, float]:
+    """Returns the least and largest mean cosine that there is between what the excited motor of joint j did and does, whatever its spring."""
+    own = judges(campaign, looks, j)
+    low, high = min(look.f.min() for look in own), max(look.f.max() for look in own)
+    stiff = np.mean([look.J[j, j] for look in own]) * (2 * np.pi * np.geomspace(low / 2, 2 * high, len(_OTHERS))) ** 2
+    each = [[_ratios(campaign, look, _ONE, K, 1.0, _ONE)[0, 0] for K in stiff] for look in own]
+    cosines = np.median([[np.mean(r.real / np.abs(r)) for r in one] for one in each], axis=0)
+    return float(cosines.min()), float(cosines.max())

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ident.records.campaign import Array, Campaign
-from ident.records.free_drive import refutes
+from ident.records.free_drive import agrees, refutes
 from ident.records.looks import Look, hold_gain, posture_of
 from ident.records.sag import beside_ratio, beside_zero, common, compliance
 from ident.records.signal_faults import FLAG, REFUSE, Fault
@@ -27,7 +27,8 @@ UNSURE = 0.3
 GEARED, WHOLE, MANY = 10.0, 0.1, 1e4
 #: Mean cosine between measured and declared response: 1 is agreement, below minus this the sign is wrong. Arms whose links
 #: and springs are 30 % off keep above 0.4; a joint that friction holds answers at random, below 0.2: nothing is said then.
-AGREES = 0.35
+#: Of a joint whose K is not known some spring must agree as `SURELY` but for the sign.
+AGREES, SURELY = 0.35, 0.8
 #: Motion per torque that is wrong by this factor is not an error of CAD or datasheet, nor friction's; a slip is named when it
 #: is this near, and a factor without a name is told of from the last one on.
 WRONG_SCALE, NEAR, UNNAMED = 6.0, 2.0, 10.0
@@ -148,7 +149,8 @@ def _answer(campaign: Campaign, looks: list[Look], j: int) -> tuple[float, float
     """Median over the records in which j is excited of: mean cosine between measured and declared response, and the ratio of
     their sizes (its median over the lines). NaN where nothing is known.
 
-    Where K is not, the size is 1 for all that is between a rigid spring and none, which leaves the rotor alone.
+    Where K is not, the cosine is the largest by any K, as a motor moves with its torque between anti-resonance and resonance, if it does not
+    agree but for the sign; and the size is 1 for all that is between a rigid spring and none, which leaves the rotor alone.
     """
     ratios = [
         look.theta[:, j] / look.expected
@@ -159,7 +161,11 @@ def _answer(campaign: Campaign, looks: list[Look], j: int) -> tuple[float, float
         return np.nan, np.nan
     cosine = np.median([np.mean(ratio.real / np.abs(ratio)) for ratio in ratios])
     size = float(np.median([np.median(np.abs(ratio)) for ratio in ratios]))
-    if np.isnan(campaign.K[j]) and size > 1.0:
+    unknown = bool(np.isnan(campaign.K[j]))
+    if unknown and cosine < AGREES:
+        least, most = agrees(campaign, looks, j)
+        cosine = least if most < AGREES and least < -SURELY else most
+    if unknown and size > 1.0:
         size = max(1.0, float(np.median([_over_rotor(campaign, look) for look in looks if look.index == j])))
     return float(cosine), size
 

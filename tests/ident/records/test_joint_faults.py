@@ -167,6 +167,18 @@ def light(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     return simulate(chain, robot, [("j1", np.zeros(2)), ("j2", np.zeros(2))], lock="rigid", seed=0, workers=1)
 
 
+def test_a_sign_is_told_where_no_spring_turns_it(light: Campaign, tmp_path: Path) -> None:
+    """A rotor of a fortieth of its link moves with its torque over most of the band, between anti-resonance and resonance: what looks like a
+    sign is none. One of a half moves against it at most lines, whatever its spring."""
+    robot = two_joints(tmp_path, EXPERIMENT, *[{"J_m_kgm2": 1e-7, "K_Nm_per_rad": 150.0}] * 2)
+    chain = model_of_urdf((tmp_path / "r.urdf").read_text(), ("j1", "j2")).chain
+    turned = simulate(chain, robot, [("j2", np.zeros(2))], lock="rigid", seed=0, workers=1)
+    assert "wrong sign" in [fault.name for fault in found(with_K(turned, 1e3))]  # as a rigid spring would have it
+    assert found(with_K(turned, np.nan)) == ()
+    (sign,) = found(with_theta(with_K(light, np.nan), 1, -1.0))
+    assert (sign.name, sign.joint, sign.severity) == ("wrong sign", "j2", REFUSE)
+
+
 OFF = [(0.7, 1.3, 1.3), (1.3, 0.7, 0.7), (0.6, 1.4, 1.4), (1.4, 0.6, 0.6)]
 
 
