@@ -9,10 +9,20 @@ from math import pi, sqrt
 import numpy as np
 
 from ident.errors import ExperimentError
-from ident.machines.doctor_findings import STILL, Finding, JointCheck, of_band, of_drive, of_locks, of_plan
+from ident.machines.doctor_findings import (
+    STILL,
+    Finding,
+    JointCheck,
+    of_band,
+    of_drive,
+    of_locks,
+    of_plan,
+    turns_too_little,
+)
 from ident.records.campaign import Array
 from ident.simulator.design import Setup, prepare
 from ident.simulator.plant import gravity_forces
+from symgen.errors import PlanError
 from symgen.plan import Cell, Plan, plan_of_robot
 from symgen.robot import Drive, Robot, load_robot
 
@@ -37,7 +47,7 @@ class Examination:
 def examine(directory: str) -> Examination:
     """Returns what a campaign on the robot in `directory` will meet. RobotError, UrdfError where it can not be read."""
     robot = load_robot(directory)
-    plan = plan_of_robot(robot)
+    plan = _planned(robot)
     setups, findings = _designed(robot, plan)
     joints = tuple(_joint(robot, plan, i, setups, weight) for i, weight in enumerate(_gravity(robot, plan)))
     findings += [*of_plan(plan), *of_locks(plan, [setup for _, setup in setups])]
@@ -45,6 +55,17 @@ def examine(directory: str) -> Examination:
         findings += [*of_band(check, robot), *of_drive(check, robot)]
     ordered = tuple(sorted(findings, key=lambda finding: not finding.serious))
     return Examination(robot, plan, joints, ordered, sum(setup.periods for _, setup in setups) / robot.experiment.f0)
+
+
+def _planned(robot: Robot) -> Plan:
+    """The plan of a robot; PlanError that asks for gear ratios where these may be why no posture can be held."""
+    try:
+        return plan_of_robot(robot)
+    except PlanError as error:
+        asked = [f"{drive.joint}: {text}" for drive in robot.drives if (text := turns_too_little(drive))]
+        if asked:
+            raise PlanError("; ".join([str(error), *asked])) from error
+        raise
 
 
 def _designed(robot: Robot, plan: Plan) -> tuple[list[tuple[Cell, Setup]], list[Finding]]:

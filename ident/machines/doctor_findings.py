@@ -9,7 +9,7 @@ from math import ceil, pi
 from ident.records.frf import POSTURE_TOLERANCE
 from ident.simulator.design import TORQUE_SHARE, Setup, place
 from symgen.plan import Plan
-from symgen.robot import MOST_SAMPLES, Experiment, Robot, recordable
+from symgen.robot import MOST_SAMPLES, Drive, Experiment, Robot, recordable
 
 #: Below this J_ii / (N^2 J_m) the link hardly shows in the motor's response: an error of f_R counts 2 (1 + r) / r times.
 LIGHT = 0.1
@@ -23,6 +23,10 @@ STEPS, COUNTS, STILL = 2.0, 5.0, 0.1
 RESOLVED = 1.0
 #: Held motors that move more than this, relative to the excited one, show in a two-mass fit.
 HELD = 0.02
+#: What no arm is built like, but units make of it: a spring that gives by so much [rad, m] under gravity, rotors that are so many times J_ii,
+#: and so small a part of it, at every posture (direct drives have a hundredth).
+FALLS, SLUMPS = 0.5, 0.05
+HEAVY_ROTOR, LIGHT_ROTOR = 100.0, 0.003
 
 
 @dataclass(frozen=True)
@@ -219,7 +223,7 @@ def of_drive(check: JointCheck, robot: Robot) -> list[Finding]:
                 False,
             )
         )
-    if check.sag > POSTURE_TOLERANCE:
+    if POSTURE_TOLERANCE < check.sag <= (SLUMPS if check.linear else FALLS):
         unit = "mm" if check.linear else "mrad"
         found.append(
             Finding(
@@ -238,7 +242,38 @@ def of_drive(check: JointCheck, robot: Robot) -> list[Finding]:
                 False,
             )
         )
-    return found + of_encoders(check)
+    return found + of_units(check, robot.drive(name)) + of_encoders(check)
+
+
+def of_units(check: JointCheck, drive: Drive) -> list[Finding]:
+    """Figures that units or sides of the gear make, and arms hardly have."""
+    name, found = check.joint, []
+    if check.sag > (SLUMPS if check.linear else FALLS):
+        unit = "m" if check.linear else "rad"
+        asks = "is K in N/mm? multiply it by 1000" if check.linear else "is K in N m/deg? multiply it by 57.3"
+        why, remedy = (
+            f"no joint rests {check.sag:.2g} {unit} from its motor",
+            f"{asks}; else check the masses in the URDF",
+        )
+        found.append(
+            Finding(f"{name}: its spring gives by up to {check.sag:.3g} {unit} under gravity", why, remedy, True)
+        )
+    if asked := turns_too_little(drive):
+        what = f"{name}: N = {drive.N:g}, its motor turns less than the joint"
+        found.append(Finding(what, "N is turns of the motor over turns of the joint", asked, False))
+    heavy, light = check.ratio[1] < 1 / HEAVY_ROTOR, check.ratio[0] > 1 / LIGHT_ROTOR
+    if heavy or light:
+        J_ii = check.J[1] if heavy else check.J[0]
+        asks = "is it in g cm2 (1e-7), kg cm2 (1e-4), or that of the joint's side (over N^2)?"
+        what = f"{name}: N^2 J_m is {check.rotor / J_ii:.2g} times J_ii, whatever the posture"
+        why = "the link hardly shows in its motor's response" if heavy else "the motor hardly shows beside its link"
+        found.append(Finding(what, why, f"J_m_kgm2 = {drive.J_m:g}: {asks}", False))
+    return found
+
+
+def turns_too_little(drive: Drive) -> str:
+    """What to ask of a drive whose motor turns less than its joint, as 1/N has it; empty where it turns as much at least."""
+    return "" if drive.linear or abs(drive.N) >= 1.0 else f"is 1/N meant, N = {1 / drive.N:.4g}?"
 
 
 def of_encoders(check: JointCheck) -> list[Finding]:

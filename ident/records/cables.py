@@ -8,7 +8,8 @@ from itertools import combinations
 import numpy as np
 
 from ident.records.campaign import Campaign
-from ident.records.joint_faults import AT_REST, EXPLAINED, Look, errors_at_rest, posture_of, straightened
+from ident.records.joint_faults import AT_REST, EXPLAINED, errors_at_rest, straightened
+from ident.records.looks import Look, posture_of
 from ident.records.signal_faults import REFUSE, Fault
 
 #: Share of its nominal size that the multisine has at least on the motor that plays it, and at most on another.

@@ -12,7 +12,9 @@ from itertools import combinations
 from ident.errors import IdentError
 from ident.records.cables import played, swapped
 from ident.records.campaign import Campaign, is_copy
-from ident.records.joint_faults import at_rest, in_motion, observe, wrong_ratio
+from ident.records.gear_ratio import wrong_ratio
+from ident.records.joint_faults import at_rest, in_motion
+from ident.records.looks import observe
 from ident.records.reversed_gear import reversed_gear
 from ident.records.signal_faults import FLAG, REFUSE, Fault, of_signals
 from symgen.plan import Model

@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 
 from ident.records.campaign import Campaign
-from ident.records.joint_faults import AGREES, AT_REST, Look, felt_by_motors, hold_gain, posture_of
+from ident.records.joint_faults import AGREES, AT_REST
+from ident.records.looks import Look, felt_by_motors, hold_gain, posture_of
 from ident.records.signal_faults import FLAG, Fault
 
 #: Mean cosine between what a held joint feels of the excited one and what it should, below minus which half of the records must be;

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from two_joints import two_joints
 
 from ident.cli import main
 from ident.errors import ExperimentError, IdentError
@@ -20,7 +21,7 @@ from ident.machines.doctor_findings import of_drive, of_encoders, of_locks
 from ident.machines.doctor_page import page
 from ident.machines.starter import new_robot, starting_drives
 from ident.simulator.design import prepare
-from symgen.errors import RobotError
+from symgen.errors import PlanError, RobotError
 from symgen.plan import chain_of_file, chain_of_robot
 from symgen.robot import load_robot, recordable
 
@@ -238,6 +239,44 @@ def test_the_encoder_is_judged_at_the_highest_line_played(tmp_path: Path) -> Non
     tops = dict(re.findall(r"(\w+): at ([0-9.]+) Hz its motor moves", "\n".join(f.what for f in found.findings)))
     assert float(tops["joint1"]) == pytest.approx(1.25 * 97.5, rel=0.01) and 39 < float(tops["joint3"]) < 40
     assert [float(tops[j.joint]) for j in found.joints] == pytest.approx([j.visible_at for j in found.joints], rel=1e-3)
+
+
+def one_joint(folder: Path, **other: float) -> Examination:
+    """The second joint of two, on its own."""
+    robot = two_joints(
+        folder, "sample_rate_Hz = 1000\nline_spacing_Hz = 1.0\nband_Hz = [1.0, 90.0]\nperiods = 3", {}, other
+    )
+    return examine(str(robot.path))
+
+
+@pytest.mark.parametrize(
+    ("slip", "asks", "ready"),
+    [
+        ({"K_Nm_per_rad": 150.0 / 57.3}, "is K in N m/deg? multiply it by 57.3", False),
+        ({"J_m_kgm2": 1e-3, "encoder_counts_per_rev": 16777216}, "is it in g cm2 (1e-7), kg cm2 (1e-4), or", None),
+        ({"J_m_kgm2": 1e-9}, "is it in g cm2 (1e-7), kg cm2 (1e-4), or", None),
+        ({"N": 0.9, "J_m_kgm2": 0.1, "torque_limit_Nm": 100.0}, "is 1/N meant, N = 1.111?", None),
+    ],
+)
+def test_units_that_no_arm_has_are_asked_for(
+    tmp_path: Path, slip: dict[str, float], asks: str, ready: bool | None
+) -> None:
+    found = one_joint(tmp_path, **slip)
+    (finding,) = [finding for finding in found.findings if asks in finding.remedy]
+    assert finding.what.startswith("j2: ") and finding.serious is (ready is False)
+    assert ready is None or found.ready is ready
+
+
+def test_direct_drives_and_soft_springs_are_not_asked_for_units(tmp_path: Path) -> None:
+    """A rotor of a hundredth of its link's inertia, a spring that gives by 20 mrad and one by 0.2 rad."""
+    for k, drive in enumerate(({"N": 1.0, "J_m_kgm2": 5e-4, "torque_limit_Nm": 100.0}, {"K_Nm_per_rad": 20.0})):
+        (home := tmp_path / str(k)).mkdir()
+        assert not [f.remedy for f in one_joint(home, **drive).findings if "?" in f.remedy]
+
+
+def test_a_gear_ratio_the_other_way_round_is_asked_for_where_there_is_no_plan(tmp_path: Path) -> None:
+    with pytest.raises(PlanError, match=r"j2: is 1/N meant, N = 100\?$"):
+        one_joint(tmp_path, N=0.01)
 
 
 def test_records_that_can_not_be_run_are_problems(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
