@@ -277,4 +277,7 @@ def _experiment(campaign: Campaign) -> Experiment:
         low, high = min(low, f0), max(high, f0)
     low -= f0 / 2 if low == high else 0.0
     periods = min(max(2, *(record.periods for record in campaign.records)), int(MOST_SAMPLES) // samples)
+    low, high = (
+        float(f"{edge:.12g}") for edge in (low, high)
+    )  # as a person would write them: 39.9, not 39.900000000000006
     return Experiment(fs=campaign.fs, band=(low, high), f0=f0, periods=periods)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ident.machines.at_rest import opposed, ratio_at_rest
 from ident.machines.channels import Found, Named, NoMultisine, look, named
 from ident.machines.import_notes import RESTS
 from ident.machines.joint_names import Channel
@@ -128,10 +129,7 @@ def _joint(found: Found, k: int) -> list[str]:
     torque, motor, heard = found.torque[k], found.motor[k], found.heard
     tau, theta = heard.spectrum(torque.values), heard.spectrum(motor.values)
     live = k == found.excited
-    count = max(1, len(tau) // 10)
-    opposed = (
-        live and min(np.median((np.conj(tau) * theta).real[part]) for part in (slice(count), slice(-count, None))) > 0
-    )
+    turned = live and opposed(heard.lines.astype(float), tau, theta)
     unit = _angle_unit(found.motor)
     N, told = _ratio(found, k)
     per, means = (
@@ -147,8 +145,8 @@ def _joint(found: Found, k: int) -> list[str]:
     note = "CHECK the unit: a current; add torque_constant_Nm_per_A if known" if current else "CHECK the unit"
     rows.append(f"torque = {_signal(torque, kind)}  # {note}")
     offset = ', offset = "posture"' if found.urdf is None and len(found.names) == 1 else ""
-    sign = ", sign = -1" if opposed else ""
-    why = "; in phase with the torque, so turned" if opposed else ""
+    sign = ", sign = -1" if turned else ""
+    why = "; in phase with the torque, so turned" if turned else ""
     rows.append(
         f"motor_angle = {_signal(motor, unit + sign + offset)}  # CHECK the unit: it swings by {_swing(motor):.3g}{why}"
     )
@@ -156,9 +154,9 @@ def _joint(found: Found, k: int) -> list[str]:
         per_s = re.sub('unit = "([a-z]+)"', r'unit = "\1/s"', unit)
         rows.append(f"motor_velocity = {_signal(found.speed[k], per_s + sign)}  # the slope of motor_angle")
     if found.link:
-        turned = live and (_gear(found) < 0) != bool(opposed)
-        why = "; against the motor, so turned" if turned else ""
-        link = _signal(found.link[k], _angle_unit(found.link) + (", sign = -1" if turned else "") + offset)
+        against = live and (_gear(found) < 0) != turned
+        why = "; against the motor, so turned" if against else ""
+        link = _signal(found.link[k], _angle_unit(found.link) + (", sign = -1" if against else "") + offset)
         rows.append(f"link_angle = {link}  # CHECK the unit: it swings by {_swing(found.link[k]):.3g}{why}")
     return rows
 
@@ -182,15 +180,12 @@ def _ratio(found: Found, k: int) -> tuple[float, str]:
 
 
 def _gear(found: Found) -> float:
-    """Motor over link angle of the excited joint at standstill, with its sign: theta/q = N (1 - f^2/f_AR^2) of two masses, by its lowest lines."""
+    """Motor over link angle of the excited joint at standstill, with its sign; 1 where no line tells."""
     assert found.link is not None  # where there are two encoders
-    lines = found.heard.lines
     motor, link = (
         found.heard.spectrum(group[found.excited].values) * _size(group) for group in (found.motor, found.link)
     )
-    low = slice(0, max(4, len(lines) // 4))
-    ratio = (motor[low] / link[low]).real
-    return float(np.polyfit(lines[low].astype(float) ** 2, ratio, 1)[1]) if np.isfinite(ratio).all() else 1.0
+    return ratio_at_rest(found.heard.lines.astype(float), motor, link) or 1.0
 
 
 def _inertia(found: Found, k: int, N: float) -> float:

@@ -7,13 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ident.machines.at_rest import opposed, ratio_at_rest
 from ident.machines.mapping import Map
 from ident.records.campaign import Array, Record
 
 #: A joint that rested no further from 0 than this [rad or m] shows nothing of its gear at rest.
 RESTS = 0.05
-#: Share of the lines, at either end of the band, at which signs are judged: there a motor moves like a mass.
-_ENDS = 0.1
+
+#: Share of the lines, the lowest ones, at which a velocity is compared with its angle.
+_LOWEST = 0.1
 
 
 def _spectra(record: Record, values: Array) -> NDArray[np.complex128]:
@@ -24,40 +26,36 @@ def _spectra(record: Record, values: Array) -> NDArray[np.complex128]:
 
 
 def signs(record: Record, mapping: Map) -> list[str]:
-    """A note for the excited joint if torque and motor, or motor and link, seem to turn in opposite directions, or the motor's velocity is not
-    the slope of its angle.
-
-    Far below and far above its modes a motor moves like a mass: in antiphase with its torque.
-    """
+    """A note for the excited joint if torque and motor, or motor and link, seem to turn in opposite directions, the motor's velocity is not the
+    slope of its angle, or the link goes elsewhere than the gear says; none where lines do not tell."""
     k = [joint.name for joint in mapping.joints].index(record.excited)
     tau, theta = _spectra(record, record.tau)[:, k], _spectra(record, record.theta)[:, k]
-    count = max(1, round(_ENDS * len(record.lines)))
+    f, count = record.lines * record.f0, max(1, round(_LOWEST * len(record.lines)))
     notes = []
-    both = np.conj(tau) * theta
-    if min(np.median(both[:count].real), np.median(both[-count:].real)) > 0:
+    if opposed(f, tau, theta):
         notes.append(
             f"record {record.id}: torque and motor angle of {record.excited} seem of opposite sign: check the map"
         )
     if record.omega is not None:
-        slope, omega = 2j * np.pi * record.lines * record.f0 * theta, _spectra(record, record.omega)[:, k]
+        slope, omega = 2j * np.pi * f * theta, _spectra(record, record.omega)[:, k]
         times = float((np.conj(slope) * omega)[:count].real.sum() / (np.abs(slope[:count]) ** 2).sum())
         if not 0.5 < times < 2:
             notes.append(
                 f"record {record.id}: motor_velocity of {record.excited} is {times:.2g} times the slope of its motor_angle at the lowest lines; "
                 "expected 1: check its unit, sign and column"
             )
+    ratio = None
     if record.q_link is not None:
-        link = _spectra(record, record.q_link)[:, k] * mapping.joints[k].N
-        share = float(np.median((np.conj(theta) * link)[:count].real / np.abs(theta[:count]) ** 2))
-        if share < 0:
-            notes.append(
-                f"record {record.id}: motor and link angle of {record.excited} are of opposite sign: check the map"
-            )
-        elif not 0.5 < share < 2:
-            notes.append(
-                f"record {record.id}: at the lowest lines the link of {record.excited} moves {share:.2g} times as far as its motor "
-                "says; expected 1: check N, counts and units"
-            )
+        ratio = ratio_at_rest(f, theta, _spectra(record, record.q_link)[:, k] * mapping.joints[k].N)
+    if ratio is not None and ratio < 0:
+        notes.append(
+            f"record {record.id}: motor and link angle of {record.excited} are of opposite sign: check the map"
+        )
+    elif ratio is not None and not 0.5 < ratio < 2:
+        notes.append(
+            f"record {record.id}: far below its modes the link of {record.excited} moves {1 / ratio:.2g} times as far as its motor says; "
+            "expected 1: check N, counts and units"
+        )
     return notes
 
 

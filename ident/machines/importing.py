@@ -169,30 +169,44 @@ def _lines(file: SourceFile, reference: Array, period: int) -> NDArray[np.int64]
 
 
 def _posture(file: SourceFile, joints: Sequence[JointMap], use: slice, period: int) -> Array:
-    """The link angles at rest [n, rad]: said, or the mean of the motor angles over the last period."""
+    """The link angles at rest [n, rad]: said, or `_rest` over the last period."""
     posture = file.how.posture
     if posture is None:
         raise file.error('posture_rad: the map does not say; expected the link angles at rest, or "measured"')
     if posture != MEASURED:
         return np.array(posture, dtype=float)
-    for joint in joints:
-        if joint.signals["motor_angle"].offset is None:
-            raise file.error(f'{joint.name}: posture_rad "measured" and offset "posture" take each from the other')
-        if _wraps_within_a_turn(joint):
-            raise file.error(
-                f'{joint.name}: posture_rad "measured", but its motor_angle wraps within a turn of the joint, so it does not tell which; '
-                "expected the link angles at rest"
-            )
-    angles = [file.signal(joint, "motor_angle", use, period, 0.0)[-period:].mean() / joint.N for joint in joints]
-    return np.array(angles)
+    return np.array([_rest(file, joint, use, period) for joint in joints])
 
 
-def _wraps_within_a_turn(joint: JointMap) -> bool:
-    """Whether readings of the motor's angle repeat themselves for angles of the joint less than a turn apart."""
-    signal = joint.signals["motor_angle"]
+def _rest(file: SourceFile, joint: JointMap, use: slice, period: int) -> float:
+    """Where the link rests [rad or m]: as its own encoder reads; without one, as the motor's does, over N, less what the mean torque deflects
+    the spring where K and torque [N m] are known."""
+
+    def mean(key: str) -> float:
+        return float(file.signal(joint, key, use, period, 0.0)[-period:].mean())
+
+    own = "link_angle" if "link_angle" in joint.signals else "motor_angle"
+    if joint.signals[own].offset is None:
+        raise file.error(
+            f'{joint.name}: posture_rad "measured" and offset "posture" of its {own} take each from the other'
+        )
+    if _wraps_within_a_turn(joint, own):
+        raise file.error(
+            f'{joint.name}: posture_rad "measured", but its {own} wraps within a turn of the joint, so it does not tell which; '
+            "expected the link angles at rest"
+        )
+    if own == "link_angle":
+        return mean("link_angle")
+    known = np.isfinite(joint.K) and not joint.signals["torque"].current
+    return mean("motor_angle") / joint.N - (joint.N * mean("torque") / joint.K if known else 0.0)
+
+
+def _wraps_within_a_turn(joint: JointMap, key: str) -> bool:
+    """Whether readings of this angle repeat themselves for angles of the joint less than a turn apart."""
+    signal = joint.signals[key]
     if signal.wrap is None:
         return False
-    gear = 1.0 if signal.joint_side else abs(joint.N)
+    gear = 1.0 if signal.joint_side or key == "link_angle" else abs(joint.N)
     return bool(abs(signal.wrap * signal.scale) / gear < 2 * np.pi * (1.0 - 1e-6))
 
 

@@ -79,7 +79,8 @@ KEYS: Mapping[str, Mapping[str, str]] = {
     },
     "record": {
         "excited": "the joint whose motor got the multisine",
-        "posture_rad": "link angles at rest (m for slides), one a joint; or \"measured\": the mean of the motor angles",
+        "posture_rad": "link angles at rest (m for slides), one a joint; or \"measured\": the mean of the link_angle; without one "
+        "that of the motor_angle over N, less what the mean torque deflects the spring where the map has K and a torque in N m",
         "sample_rate_Hz": f"sampling rate, {RATES[0]:g} to {RATES[1]:g}; or time",
         "time": "signal: time of every sample, unit s, ms, us or ns (dates in ISO 8601 are read as s): checked for samples dropped among those taken",
         "period_samples": "samples a period, or \"auto\" (default): found from the reference, whole from skip_samples on",

@@ -198,9 +198,10 @@ def _map(
 ) -> str:
     """map.toml; it asks for the periods of each record where these are `asked` for, else for all that were recorded."""
     e, labels = robot.experiment, _labels(chain)
+    linked = any(robot.drive(name).link_encoder_counts is not None for name in chain.names)
     rows = [
         f"{_MAP} a CSV of the same name: a column t [s], and for every joint the torque command",
-        "# and the motor angle, motor side, from the first sample of the ramp on. Then, where the records are:",
+        f"# and the motor angle, motor side,{' and the link angle,' if linked else ''} from the first sample of the ramp on. Then, where the records are:",
         "# ident import --map map.toml 0001.csv 0002.csv .. -o campaign.h5",
         "",
         "[campaign]",
@@ -226,6 +227,9 @@ def _map(
             f"torque = {{name = {quoted(column)}, {unit}}}",
             f'motor_angle = {{name = {quoted("theta_" + labels[name])}, unit = "rad"}}',
         ]
+        if drive.link_encoder_counts is not None:
+            unit = "m" if drive.linear else "rad"
+            rows.append(f'link_angle = {{name = {quoted("link_" + labels[name])}, unit = "{unit}"}}')
     rows += [
         "",
         "[record]",

@@ -22,6 +22,8 @@ from symgen.robot import Drive, Experiment
 GEAR, SPINDLE = 100.0, 2 * pi / 0.01
 #: Anti-resonance [Hz] to start from, at the geometric mean of J_ii over the workspace; J_ii equals N^2 J_m there.
 F_AR = 20.0
+#: Counts of an encoder on a link, by example.
+SECOND = 65536
 #: Damping of the spring as a share of 2 sqrt(K J), and of the motor per its inertia [1/s]: those of good gears.
 DAMPING, MOTOR_DAMPING = 0.01, 1.0
 #: A joint whose effort the URDF does not state gets this many times what gravity takes, or what moves link and rotor at
@@ -139,6 +141,7 @@ def _joint(drive: Drive, low: float, high: float, weight: float, effort: float) 
         f"{D} = {drive.D_spring:g}   # damping of the spring, joint side; check me, roughly is enough",
         f"encoder_counts_per_rev = {drive.encoder_counts}   # of the motor; check me: datasheet",
         f"torque_limit_Nm = {drive.tau_max:g}   # motor side; check me: {stated}, over N",
+        f"# link_encoder_counts_per_{'m' if slide else 'rev'} = {SECOND}   # where every link has an encoder of its own, behind the spring",
     ]  # fmt: skip
 
 

@@ -30,33 +30,45 @@ def page(result: Identification, document: dict[str, Any], brief: bool = False) 
 
 def _records(result: Identification) -> list[str]:
     width = 9 * result.campaign.n
-    head = f"{'posture [rad, m]':<{width}}{'measured':>11}{'sigma':>9}{'CAD':>10}{'error %':>10}{'chi2/dof':>10}"
-    rows = [f"{'record':<7}{'entry':<6}{head}"]
+    head = ["record", "entry", "posture [rad, m]", "measured", "sigma", "CAD", "error %", "chi2/dof"]
+    rows = [head]
     for m in result.measurements:
-        posture = "".join(f"{value:8.4f} " for value in m.record.posture)
-        values = f"{_within(m.J, m.std):>11}{m.std:>9.2g}{_short(m.J_cad, 5):>10}{_percent(m.J, m.J_cad):>10}"
-        fits = "" if m.explained else "  does not fit"
-        entry = f"J_{m.index + 1}{m.index + 1}"
-        rows.append(f"{m.record.id:<7}{entry:<6}{posture}{values}{m.chi2_per_dof:>10.3g}{fits}")
+        posture = " ".join(f"{value:8.4f}" for value in m.record.posture)
+        values = [_within(m.J, m.std), f"{m.std:.2g}", _short(m.J_cad, 5), _percent(m.J, m.J_cad)]
+        rows.append([m.record.id, f"J_{m.index + 1}{m.index + 1}", posture, *values, f"{m.chi2_per_dof:.3g}"])
+    fits = ["", *("" if m.explained else "  does not fit" for m in result.measurements)]
+    lines = [text + fit for text, fit in zip(_columns(rows, (-7, -6, -width, 11, 9, 10, 10, 10)), fits, strict=True)]
     whose = {
         "coupled": f"of all motors that move in a record; of all records {result.chi2_per_dof:.3g}, noise allows "
         f"{result.measurements[0].chi2_limit:.3g}",
         "modal": f"of the modes of each record; of all records {result.chi2_per_dof:.3g}",
     }
     of_two_masses = f"of two masses for the excited motor; of all records {result.chi2_per_dof:.3g}"
-    return [*rows, f"chi2/dof: {whose.get(result.method, of_two_masses)}"]
+    return [*lines, f"chi2/dof: {whose.get(result.method, of_two_masses)}"]
 
 
 def _constants(alpha: dict[str, Any]) -> list[str]:
-    rows = [f"{'constant':<14}{'identified':>13}{'sigma':>12}{'CAD':>13}{'error %':>10}  unit"]
-    columns = (alpha[key] for key in ("names", "value", "std", "unit", "cad"))
-    for name, value, std, unit, cad in zip(*columns, strict=True):
+    rows = [["constant", "identified", "sigma", "CAD", "error %"]]
+    columns = (alpha[key] for key in ("names", "value", "std", "cad"))
+    for name, value, std, cad in zip(*columns, strict=True):
         kept = "held at CAD" if np.isclose(value, cad, rtol=1e-9, atol=0.0) else "unknown"
         sigma = kept if std is None else f"{std:.2g}"
-        rows.append(
-            f"{name:<14}{_within(value, std):>13}{sigma:>12}{_short(cad):>13}{_percent(value, cad):>10}  {unit}"
+        rows.append([name, _within(value, std), sigma, _short(cad), _percent(value, cad)])
+    texts = _columns(rows, (-14, 13, 12, 13, 10))
+    return [f"{text}  {unit}" for text, unit in zip(texts, ("unit", *alpha["unit"]), strict=True)]
+
+
+def _columns(rows: list[list[str]], widths: tuple[int, ...]) -> list[str]:
+    """The rows in columns of these widths (negative: flush left), or wider where some cell would touch the next."""
+    signed = [
+        max(width, longest) if width > 0 else -max(-width, longest)
+        for width, longest in zip(
+            widths, (max(map(len, column)) + 1 for column in zip(*rows, strict=True)), strict=True
         )
-    return rows
+    ]
+    return [
+        "".join(f"{cell:{'>' if w > 0 else '<'}{abs(w)}}" for cell, w in zip(row, signed, strict=True)) for row in rows
+    ]
 
 
 def _notes(notes: tuple[str, ...], most: int | None) -> list[str]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
-from math import ceil, inf, log
+from math import ceil, log
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,20 +12,8 @@ from scipy.linalg import eigh
 
 from ident.errors import ExperimentError
 from ident.records.excitation import KNEE, Multisine, random_phase_odd, schroeder, synthesise
-from ident.simulator.dob import (
-    HOLD_REMEDY,
-    LOCK_REMEDY,
-    SAGS,
-    SLIDES,
-    ClosedLoop,
-    Margins,
-    Servo,
-    check_stable,
-    close_loop,
-    hold_servo,
-    lock_servo,
-    margins,
-)
+from ident.simulator.dob import SAGS, SLIDES, ClosedLoop, Margins, Servo
+from ident.simulator.locks import locked
 from ident.simulator.plant import Linear, Plant, build_plant, linearise
 from symgen.chain import REVOLUTE, Chain
 from symgen.robot import Experiment, Robot
@@ -39,13 +26,6 @@ EXCITATIONS = ("odd", "schroeder")
 
 #: Share of a motor's torque limit that preload and predicted peak may use together: the declared arm is not the true one.
 TORQUE_SHARE = 0.7
-
-#: Locks are tried as declared, then softer, until no motor's loop comes nearer to -1 than `DISTANCE` and each bears `DELAY`
-#: samples of delay: (share of the PD's bandwidth, observer on). PD alone is stable at any bandwidth far below the sampling
-#: rate. 0.25 leaves 14 deg of phase and bears a gain wrong by 20 % downwards, 33 % upwards, the true arm being off by as much.
-#: A controller that reads, computes and acts at the next sample is late by one; half of one more is for its amplifier.
-SOFTER = ((1.0, True), (0.7, True), (0.5, True), (1.0, False), (0.5, False), (0.25, False))
-DISTANCE, DELAY = 0.25, 1.5
 
 #: The excitation grows from zero over this share of the first period, so that the arm starts without a jerk.
 RAMP = 0.25
@@ -122,7 +102,7 @@ def prepare(
     free = i if lock == "rigid" else None
     plant = build_plant(chain, [robot.drive(name) for name in chain.names], robot.gravity, q, free=free)
     linear = linearise(plant)
-    loop, servos, found, softened = _locked(plant, linear, robot, i, SLIDES if chain.slides(i) else SAGS, where)
+    loop, servos, found, softened = locked(plant, linear, e, i, SLIDES if chain.slides(i) else SAGS, where)
     port = plant.live.index(i)
     f_AR, f_R = _own_pair(linear, plant, port)
     band, knee, unseen = _band(robot, where, f_AR, f_R)
@@ -197,66 +177,6 @@ def _checked_posture(chain: Chain, joint: str, posture: ArrayLike) -> Array:
                 f"{place(joint, q)}: {one.name!r} = {value:g} is outside its limits [{one.lower:g}, {one.upper:g}]"
             )
     return q
-
-
-def _locked(
-    plant: Plant, linear: Linear, robot: Robot, excited: int, sags: float, where: str
-) -> tuple[ClosedLoop, tuple[Servo, ...], Margins, str]:
-    """The declared plant under a soft hold of the excited joint, which `sags` as far at most if that is safe, and the stiffest lock of
-    the others that is.
-
-    ExperimentError where none is; the note says what was softened.
-    """
-    e, several = robot.experiment, len(plant.live) > 1
-    first, steady = "", []
-    for sinks, (share, observed) in product((sags, inf), SOFTER if several else SOFTER[:1]):
-        try:
-            servos = _servos(plant, linear, excited, sinks, share * e.lock_pd, e.lock_dob if observed else 0.0)
-        except ExperimentError as error:
-            raise ExperimentError(f"{where}: {error}") from None
-        loop = close_loop(*linear.sampled(1 / e.fs), servos, 1 / e.fs)
-        found = margins(loop) if loop.growth < 0 else None
-        lacking = _lacking(found, e.fs)
-        if found is not None and found.distance >= DISTANCE:
-            lock = f"PD {share * e.lock_pd:.3g} Hz, {f'observer of {e.lock_dob:g} Hz' if observed else 'no observer'}"
-            softer = f"hold softened, lock {lock}: {first}" if sinks > sags else f"lock softened to {lock}: {first}"
-            steady.append((loop, servos, found, softer if first else ""))
-            if not lacking:
-                return steady[-1]
-        first = first or f"as declared it {lacking}"
-    if steady:  # so slow a sampling that none bears a late torque
-        loop, servos, found, note = max(steady, key=lambda one: one[2].delay)
-        late = f"the {'best lock' if several else 'hold'} {_lacking(found, e.fs)}: raise the sampling rate"
-        return loop, servos, found, "; ".join(filter(None, (note, late)))
-    check_stable(loop, where, held=several)
-    if several:
-        raise ExperimentError(f"{where}: no lock is safe: the last one tried {lacking}; {LOCK_REMEDY}")
-    raise ExperimentError(f"{where}: its hold is not safe: it {lacking}; {HOLD_REMEDY}")
-
-
-def _lacking(found: Margins | None, fs: float) -> str:
-    """What a loop with these margins, None if it is unstable, lacks to be safe at `fs` [Hz]; empty where nothing."""
-    if found is None:
-        return "is unstable"
-    if found.distance < DISTANCE:
-        return f"is {found.distance:.2f} from instability, allowed {DISTANCE:g}"
-    if found.delay * fs < DELAY:
-        return f"bears a delay of {found.delay * fs:.2f} samples, expected {DELAY:g}"
-    return ""
-
-
-def _servos(plant: Plant, linear: Linear, excited: int, sags: float, f_pd: float, f_dob: float) -> tuple[Servo, ...]:
-    drives = [plant.drives[k] for k in plant.live]
-    gravity = np.diag(linear.gravity_stiffness([drive.K for drive in drives]))
-    servos = []
-    for k, drive, J, dG in zip(plant.live, drives, np.diag(linear.link_inertia), gravity, strict=True):
-        if k == excited:
-            inertia, damping = float(J) + drive.N**2 * drive.J_m, drive.N**2 * drive.D
-            bears = drive.N * float(plant.preload[k])
-            servos.append(hold_servo(drive.N, inertia, float(dG), damping, drive.K, bears, sags))
-        else:
-            servos.append(lock_servo(drive.J_m, f_pd, f_dob))
-    return tuple(servos)
 
 
 def _own_pair(linear: Linear, plant: Plant, port: int) -> tuple[float, float]:

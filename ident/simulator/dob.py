@@ -30,8 +30,7 @@ GRAVITY_ERROR, SAGS, SLIDES = 0.25, 0.04, 0.01
 #: Lowest bandwidth of the hold [Hz]: it lets transients die within a few seconds and stays well below the first mode.
 HOLD_BANDWIDTH = 0.5
 
-#: What helps where no lock of the held joints is safe, and where the hold of the excited one is not.
-LOCK_REMEDY = "lower lock_pd_Hz, raise lock_dob_Hz or raise the sampling rate"
+#: What helps where the hold of the excited joint is not safe.
 HOLD_REMEDY = "raise the sampling rate, check K_Nm_per_rad (K_N_per_m) and J_m_kgm2, or another posture"
 
 _FAST = 0.1  # a mode that falls to a tenth within one sample has no resonance
@@ -53,14 +52,14 @@ class Servo:
     dob: float = 0.0
 
 
-def lock_servo(J_m: float, f_pd: float, f_dob: float) -> Servo:
-    """A PD of bandwidth f_pd [Hz] and an observer of f_dob [Hz] on the rotor J_m [kg m2] alone.
+def lock_servo(J_m: float, f_pd: float, f_dob: float, damping: float = LOCK_DAMPING) -> Servo:
+    """A PD of bandwidth f_pd [Hz] and this damping ratio, and an observer of f_dob [Hz], on the rotor J_m [kg m2] alone.
 
     The paper's two-mass nominal (its Fig. 7) is stable only where the arm is decoupled; the rotor's is stable on coupled
     arms too, if f_dob stays well above f_pd.
     """
     w = 2 * pi * f_pd
-    return Servo(kp=J_m * w * w, kd=2 * LOCK_DAMPING * J_m * w, J=J_m, dob=2 * pi * f_dob)
+    return Servo(kp=J_m * w * w, kd=2 * damping * J_m * w, J=J_m, dob=2 * pi * f_dob)
 
 
 def hold_servo(
@@ -224,15 +223,11 @@ def _gains(servo: Servo, Ts: float) -> tuple[float, float, float, float, float]:
     return (servo.kp, servo.kd, servo.dob * servo.J, *((a, 1.0 - a) if servo.dob else (0.0, 0.0)))
 
 
-def check_stable(loop: ClosedLoop, where: str, held: bool = True) -> float:
-    """Returns the growth rate [1/s]; ExperimentError, beginning with `where` (joint and posture), if it is not negative.
-
-    `held` is whether there are joints held by locks besides the excited one.
-    """
+def check_stable(loop: ClosedLoop, where: str) -> float:
+    """Returns the growth rate [1/s]; ExperimentError, beginning with `where` (joint and posture), if it is not negative."""
     growth = loop.growth
     if not growth < 0:
-        what, remedy = ("lock", LOCK_REMEDY) if held else ("hold", HOLD_REMEDY)
         raise ExperimentError(
-            f"{where}: the sampled {what} is unstable (growth rate {growth:+.3g} 1/s, expected < 0); {remedy}"
+            f"{where}: the sampled hold is unstable (growth rate {growth:+.3g} 1/s, expected < 0); {HOLD_REMEDY}"
         )
     return growth

@@ -317,6 +317,8 @@ def test_records_tell_encoders_torques_and_the_experiment(tmp_path: Path) -> Non
     assert [drive.encoder_counts for drive in made.drives] == [8192, 131072, 2**20]
     assert [drive.tau_max for drive in made.drives] == [200 / 80, 200 / 80, 100 / 80]
     assert (made.experiment.band, made.experiment.f0, made.experiment.periods) == ((0.5, 100.5), 0.5, 4)
+    fifths = replace(campaign.records[0], f0=0.2, lines=np.array([3, 399]))  # 399 times 0.2 is 79.80000000000001
+    assert of_cad(replace(campaign, records=(fifths,))).experiment.band == (0.6, 79.8)
     mute = chain.source.replace('effort="200"', 'effort="0"')
     made = of_parts(replace(campaign, urdf=mute), model_of_urdf(mute, chain.names), model.alpha_cad, np.eye(D),
                     np.zeros((D, 0)), *np.ones((4, 3)))  # fmt: skip

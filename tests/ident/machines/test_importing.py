@@ -254,9 +254,22 @@ def test_a_zero_may_be_taken_from_the_posture_or_the_posture_from_the_angles(tru
     record = brought(tmp_path, shifted, tmp_path / "record.npz")
     np.testing.assert_allclose(record.theta[-2000:].mean(axis=0), 100 * np.array(POSTURE), rtol=1e-12)
     np.testing.assert_allclose(np.diff(record.theta, axis=0), np.diff(truth.theta, axis=0), atol=1e-12)
-    measured = re.sub("posture_rad.*", 'posture_rad = "measured"', text)
+    asked = measured = re.sub("posture_rad.*", 'posture_rad = "measured"', text)
     record = brought(tmp_path, measured, tmp_path / "record.npz")
-    np.testing.assert_allclose(record.posture, record.theta[-2000:].mean(axis=0) / 100, rtol=1e-12)
+    mean = record.theta[-2000:].mean(axis=0) / 100
+    sag = 100 * record.tau[-2000:].mean(axis=0) / [5500, 4500, 4500]  # what the springs give, of the K of the map
+    np.testing.assert_allclose(record.posture, mean - sag, rtol=1e-12)
+    loose = brought(tmp_path, re.sub("K_Nm_per_rad.*", "", measured), tmp_path / "record.npz")
+    np.testing.assert_allclose(loose.posture, mean, rtol=1e-12)
+    for j in (1, 2, 3):
+        link = f'[joint.joint{j}]\nlink_angle = {{name = "theta", column = {j}, unit = "mrad"}}\n'
+        measured = measured.replace(f"[joint.joint{j}]\n", link)
+    read = brought(tmp_path, measured, tmp_path / "record.npz")
+    np.testing.assert_allclose(read.posture, mean / 10, rtol=1e-12)
+    for own in ("link_angle", "motor_angle"):
+        taken = re.sub(f"({own} = .*)}}", r'\1, offset = "posture"}', measured if own == "link_angle" else asked)
+        with pytest.raises(ImportingError, match=f'"measured" and offset "posture" of its {own} take each from the ot'):
+            brought(tmp_path, taken, tmp_path / "record.npz")
 
 
 def test_a_reading_that_wraps_tells_no_posture(truth: Record, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from ident.cli import main
 from ident.errors import IdentError
+from ident.machines.importing import import_files
 from ident.machines.mapping import load_map
 from ident.machines.playing import check_place, export_excitation
 from ident.records.campaign import Campaign
@@ -73,6 +74,41 @@ def test_played_recorded_and_imported_it_is_the_campaign(
         for name in ("tau", "theta"):  # twelve digits were written
             scale = np.abs(getattr(theirs, name)).max()
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-11 * scale, rtol=0)
+
+
+def test_links_that_are_read_come_back_and_tell_the_posture(robot: Robot, tmp_path: Path) -> None:
+    """The map asks for every link's encoder where robot.toml has one. Where links rest is told by these, or else by motors less what springs give."""
+    counts = 1 << 20
+    linked = replace(robot, drives=tuple(replace(drive, link_encoder_counts=counts) for drive in robot.drives))
+    chain = chain_of_robot(linked)
+    export_excitation(linked, chain, CELLS, tmp_path, seed=SEED)
+    text = (tmp_path / "map.toml").read_text()
+    assert "and the link angle," in text
+    simulated = simulate(chain, linked, [(cell.joint, cell.q) for cell in CELLS], seed=SEED, workers=1)
+    for record in simulated.records:
+        t = np.arange(len(record.tau)) / robot.experiment.fs
+        head = ["t", *(f"{kind}_{name}" for kind in ("tau", "theta", "link") for name in simulated.joints)]
+        table = np.column_stack([t, record.tau, record.theta, record.q_link])
+        np.savetxt(tmp_path / f"{record.id}.csv", table, "%.12g", ",", header=",".join(head), comments="")
+    files = [tmp_path / f"{record.id}.csv" for record in simulated.records]
+    asked = re.sub("posture_rad = .*", 'posture_rad = "measured"', text)
+    unread = re.sub("link_angle = .*", "", asked)
+    without_K = re.sub("K_Nm_per_rad = .*", "", unread)
+    off = []
+    for mapping in (text, asked, unread, without_K):
+        (tmp_path / "map.toml").write_text(mapping)
+        found = import_files(load_map(tmp_path / "map.toml"), files)
+        assert not found.notes
+        off.append(0.0)
+        for ours, theirs in zip(found.campaign.records, simulated.records, strict=True):
+            off[-1] = max(off[-1], float(np.abs(ours.posture - theirs.posture).max()))
+            assert (ours.q_link is None) == ("link_angle" not in mapping)
+            if ours.q_link is not None:
+                np.testing.assert_allclose(ours.q_link, theirs.q_link, atol=1e-11 * np.abs(theirs.q_link).max(), rtol=0)
+    step = 2 * np.pi / counts
+    assert off[0] == 0 and max(off[1:3]) < 5 * step
+    sag = robot.drives[1].N * np.abs(simulated.records[0].tau[:, 1]).mean() / robot.drives[1].K
+    assert off[3] == pytest.approx(sag, rel=0.01) and sag > 100 * step
 
 
 def test_the_files_are_what_the_simulated_robot_plays(robot: Robot, exported: Path, simulated: Campaign) -> None:

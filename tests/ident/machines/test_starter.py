@@ -19,7 +19,7 @@ from ident.errors import ExperimentError, IdentError
 from ident.machines.doctor import Examination, examine
 from ident.machines.doctor_findings import of_drive, of_encoders, of_locks
 from ident.machines.doctor_page import page
-from ident.machines.starter import new_robot, starting_drives
+from ident.machines.starter import SECOND, new_robot, starting_drives
 from ident.simulator.design import prepare
 from symgen.errors import PlanError, RobotError
 from symgen.plan import chain_of_file, chain_of_robot
@@ -60,10 +60,13 @@ def test_a_new_robot_is_ready_and_says_what_to_check(tmp_path: Path, capsys: pyt
     assert chain_of_robot(robot).names == ("joint1", "joint2", "joint3")
     assert robot.urdf.read_bytes() == (ROBOTS / "ypp3/ypp3.urdf").read_bytes()
     text = (home / "robot.toml").read_text()
-    model = tomllib.loads((ROBOTS / "ypp3/robot.toml").read_text())  # knows all keys but three
-    for key in (*model["robot"], *model["experiment"], *model["joint"]["joint1"], "base", "tip", "at"):
+    model = tomllib.loads((ROBOTS / "ypp3/robot.toml").read_text())  # knows all keys but four
+    more = ("base", "tip", "at", "link_encoder_counts_per_rev")
+    for key in (*model["robot"], *model["experiment"], *model["joint"]["joint1"], *more):
         assert re.search(rf"^(# )?{key} = .*#", text, re.MULTILINE), key
     assert text.count("check me") >= 3 * 7
+    (tmp_path / "arm/linked.toml").write_text(text.replace("# link_encoder", "link_encoder"))
+    assert {drive.link_encoder_counts for drive in load_robot(tmp_path / "arm/linked.toml").drives} == {SECOND}
     capsys.readouterr()
     assert main(["doctor", str(home)]) == 0
     assert capsys.readouterr().out.endswith("Ready for a campaign.\n")

@@ -383,6 +383,16 @@ def test_the_drawn_dots_are_the_measured_response(good):
         assert np.abs(fit - position).max() < 0.011
 
 
+def test_numbers_of_small_arms_do_not_touch(whole):
+    """Columns are as wide as what stands in them; those of J from the gram's to the ton's."""
+    for scale in (1e-7, 1e-4, 1.0, 1e4):
+        small = [replace(m, std=1.3e-4 * scale, J_cad=0.4649371 * scale) for m in whole.measurements]
+        text = result_page.page(replace(whole, measurements=tuple(small)), report.result_document(whole)).splitlines()
+        start = next(k for k, line in enumerate(text) if line.startswith("record"))
+        assert [len(line.split()) for line in text[start + 1 : start + 1 + len(small)]] == [10] * len(small)
+        assert len({len(line.removesuffix("  does not fit")) for line in text[start : start + 1 + len(small)]}) == 1
+
+
 def test_what_a_fit_of_all_motors_leaves_is_in_units_of_the_noise_that_it_weighs_by(whole):
     """The held motors' torques are measured, and their noise is in what the model says of the excited one, too."""
     assert whole.explained

@@ -12,8 +12,9 @@ from vendor import NAMES, write_robot
 from ident.errors import ExperimentError
 from ident.records.frf import estimate
 from ident.simulator.bench import design, head, run
-from ident.simulator.design import ABOVE, DELAY, DISTANCE, KNEE_SHARE, Setup, prepare, summary
+from ident.simulator.design import ABOVE, KNEE_SHARE, Setup, prepare, summary
 from ident.simulator.dob import Margins, Servo, close_loop, margins
+from ident.simulator.locks import DELAY, DISTANCE
 from ident.simulator.plant import build_plant, linearise
 from symgen.chain import Chain
 from symgen.plan import chain_of_robot
@@ -121,6 +122,39 @@ def test_where_no_lock_bears_a_late_torque_the_one_that_bears_most_says_so() -> 
     setup = made(slow, "joint2", np.zeros(3))
     assert setup.margins.distance >= DISTANCE and setup.margins.delay * 100 < DELAY
     assert setup.note.endswith("samples, expected 1.5: raise the sampling rate")
+
+
+def direct(lock_pd: float = 5.0) -> Robot:
+    """Motors without gears, small under large links: the shoulder's link has 120 times its rotor's inertia."""
+    kinds = ((0.004, 300.0), (0.006, 250.0), (0.0005, 100.0))
+    drives = tuple(
+        replace(drive, N=1.0, J_m=J_m, K=K, D=0.02, D_spring=0.3, tau_max=100.0)
+        for drive, (J_m, K) in zip(YPP3.drives, kinds, strict=True)
+    )
+    return replace(YPP3, drives=drives, experiment=replace(YPP3.experiment, band=(0.1, 40.0), lock_pd=lock_pd))
+
+
+@pytest.mark.parametrize("q", [FALLING, UPRIGHT], ids=["falling", "upright"])
+def test_small_rotors_that_no_softer_lock_holds_get_a_more_damped_one(q: np.ndarray) -> None:
+    setup = made(direct(), "joint1", q)
+    assert setup.margins.distance >= DISTANCE and setup.margins.delay * 1000 >= DELAY
+    assert growth(direct(), setup) < 0 and growth(direct(), setup, late=1) < 0
+    assert setup.note.startswith("lock PD ") and setup.note.endswith(
+        "damping 2, no observer: as declared it is unstable"
+    )
+
+
+def test_what_is_advised_where_no_lock_is_safe_makes_it_safer() -> None:
+    """A PD on the rotor too soft for gravity is not to be softened."""
+    with pytest.raises(
+        ExperimentError, match="no lock is safe: .* gravity pushes 'joint2' away with 21 N m/rad, .* holds 0.0"
+    ) as told:
+        made(direct(0.2), "joint1", UPRIGHT)
+    assert "raise lock_pd_Hz" in str(told.value) and "lower" not in str(told.value)
+    with pytest.raises(ExperimentError, match=r"no lock is safe: .* \(growth rate \+.*; lower lock_pd_Hz") as told:
+        made(direct(2000.0), "joint1", UPRIGHT)
+    for error in (str(told.value),):
+        assert "--lock rigid" in error and "raise lock_pd" not in error and error.count("; ") == 1
 
 
 def soft(K: float) -> Robot:
