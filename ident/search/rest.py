@@ -28,6 +28,8 @@ BENDS, MAY_BEND = 10.0, 1.5
 LOOKED_AT, SURE, SURE_SHARE = 20_000, 150.0, 0.005
 #: Times chi^2 per degree of freedom of the other records that those which only report leave where something acts in them alone.
 UNSEEN = 30.0
+#: Times its noise that the error of another joint shows that something acts there, too.
+ELSEWHERE = 2.0
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured.
 LEFT = 0.03
 
@@ -94,9 +96,17 @@ def is_little(bench: Bench, start: State, state: State) -> bool:
     left = share_left(bench, start, state)
     many_ways = any(isinstance(effect, Law) and winds_up(effect) for effect in state.effects)
     most = CLOSE**2 if any(effect.dry for effect in state.effects) else CLOSE
-    return (left < ENOUGH and max(reduced_chi2(bench, state), _fitting(bench, state)) <= most) or (
-        left < LEFT and many_ways
-    )
+    little = left < ENOUGH and max(reduced_chi2(bench, state), _fitting(bench, state)) <= most
+    return (little or (left < LEFT and many_ways)) and not acts_elsewhere(bench, state)
+
+
+def acts_elsewhere(bench: Bench, state: State) -> bool:
+    """Whether joints at which nothing was found are left far from their noise in the choosing records: all that is in excess may be little
+    beside what another joint's was."""
+    found = {None if e.joint is None else bench.campaign.joints[e.joint] for e in state.effects}
+    told = errors(bench, state, bench.split.select)
+    others = {} if None in found else {j: error for j, error in told.per_joint.items() if j not in found}
+    return any(error > ELSEWHERE * told.noise_per_joint[j] for j, error in others.items())
 
 
 @lru_cache(maxsize=2)
@@ -122,9 +132,11 @@ def left_over(bench: Bench, start: State, state: State) -> tuple[Departure, ...]
 
 
 def is_far(bench: Bench, state: State) -> bool:
-    """Whether the error that is reported is `CLOSE` times what noise makes, or more: few lines may be most of it, or a few chi^2 of all."""
+    """Whether the error that is reported, of all or of one joint, is `CLOSE` times what noise makes, or more: few lines may be most of it, or
+    a few chi^2 of all; another joint's noise says nothing of its own."""
     told = errors(bench, state, bench.split.report)
-    return told.all > CLOSE * told.noise
+    pairs = [(told.all, told.noise), *((error, told.noise_per_joint[j]) for j, error in told.per_joint.items())]
+    return any(error > CLOSE * noise for error, noise in pairs)
 
 
 def _mended(effects: Sequence[Effect]) -> bool:

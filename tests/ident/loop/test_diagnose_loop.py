@@ -577,6 +577,7 @@ def test_more_is_left_of_a_motion_that_may_not_be_found(
         "ident.search.rest.share_left", lambda bench, start, state: (state.select - 1.0) / (start.select - 1.0)
     )
     monkeypatch.setattr("ident.search.rest._fitting", lambda bench, state: state.select)
+    monkeypatch.setattr("ident.search.rest.acts_elsewhere", lambda bench, state: False)
     start, state = (SimpleNamespace(select=left, effects=(effect,)) for left in (of, 6.0))
     assert is_little(SimpleNamespace(), start, state) == little
 
