@@ -176,9 +176,11 @@ def _as_declared(bench: Bench, refit: Refit) -> Array:
 
 
 def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
-    """The models of `refits`, made by all workers."""
+    """The models of `refits`, made by all workers; once it is late those that are not begun stay as they are, with chi^2 infinite."""
 
     def work(refit: Refit) -> tuple[Minimum, float]:
+        if bench.late:
+            return _unfitted(refit), np.inf
         state = fitted(bench, refit)
         return state.minimum, state.select
 
@@ -268,17 +270,22 @@ def fitted(bench: Bench, refit: Refit) -> State:
                 select, (chi2, slid) = every, _left(problem, minimum.vector, every)
             minimum = _by_all_lines(problem, replace(minimum, slid=slid), degrees(bench.split.fit) / degrees(fit))
     except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
-        nothing = np.zeros((len(refit.vector), len(refit.vector)))
-        minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
+        minimum, chi2 = _unfitted(refit), np.inf
     effects, left = problem.effects_at(minimum.vector), chi2 * degrees(bench.split.select) / degrees(select)
     problem = replace(problem, turns=TURNS, slid=minimum.slid)  # what it is asked later it tells as closely as any
     return State(effects, refit.scales, refit.limits, minimum, problem, left, refit.roughly, refit.followed)
 
 
+def _unfitted(refit: Refit) -> Minimum:
+    """Where a fit begins, chi^2 infinite."""
+    nothing = np.zeros((len(refit.vector), len(refit.vector)))
+    return Minimum(refit.vector, nothing, np.inf, False, refit.slid)
+
+
 def _left(problem: Problem, vector: Array, select: tuple[Evidence, ...]) -> tuple[float, Slides]:
     """chi^2 of records that choose, and where dry friction was found in these, too."""
     chosen = replace(problem, data=select)
-    held = hold(chosen, vector)
+    held = hold(chosen, vector, hurries=True)
     return chi_squared(chosen, vector, held), slides(chosen, held)
 
 
