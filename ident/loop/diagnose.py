@@ -19,6 +19,7 @@ from ident.arm.evidence import Evidence, evidence, gravity_basis
 from ident.arm.parts import Split, degrees, split, split_lines
 from ident.effects.learned import Learned
 from ident.errors import IdentError
+from ident.loop.growth import is_worse
 from ident.records.campaign import Campaign
 from ident.records.frf import Frf, estimate
 from ident.search.added import (
@@ -257,17 +258,18 @@ class Begun:
         after = errors(bench, state, told)
         if final:
             final[-1] = replace(final[-1], after=after.all)
-        status = status_of(bool(left), bool(final), bool(off), before.all, after.all)
+        own = [bench.campaign.joints[one.effect.joint] for one in final if one.effect.joint is not None]
+        status = status_of(bool(left), bool(final), bool(off), is_worse(before, after, own))
         campaign, model = bench.campaign, bench.model
         return Diagnosis(
             campaign, model, self.responses, bench.split, start, state, tuple(final), off, before, after, left, status
         )
 
 
-def status_of(left: bool, effects: bool, off: bool, before: float, after: float) -> str:
-    """Status of the verdict: whether anything is `left` of the records, there are `effects`, declared numbers are `off`; held-out errors.
-    Effects with which records that nothing has seen are told worse are none of those that act."""
-    if left or (effects and after > before):
+def status_of(left: bool, effects: bool, off: bool, worse: bool) -> str:
+    """Status of the verdict: whether anything is `left` of the records, there are `effects`, declared numbers are `off`. Effects with which
+    records that nothing has seen are told `worse` are none of those that act."""
+    if left or (effects and worse):
         return "unexplained"
     return "effect-found" if effects or off else "explained"
 
