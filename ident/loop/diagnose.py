@@ -73,7 +73,7 @@ from ident.search.rest import (
 from ident.search.rounds import another
 from ident.search.spread import as_found
 from ident.search.unbent import unbent
-from ident.search.whole_numbers import each_otherwise
+from ident.search.whole_numbers import each_otherwise, renumbered
 from symgen.plan import Model
 
 #: Rounds at most; each adds an effect, or more at once.
@@ -389,4 +389,5 @@ def _loop(
     if added and state is not begun_afresh and not bench.late and may_be_bent(bench, start, state):
         state = afresh(bench, state)
     state, added = of_another_size(bench, state, added)
-    return each_otherwise(bench, state), added
+    new = each_otherwise(bench, state)
+    return new, renumbered(state, new, added)

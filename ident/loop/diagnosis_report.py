@@ -121,7 +121,7 @@ def sentence(verdict: dict[str, Any], few: Collection[str] = ()) -> str:
     left += ", when the search was ended for time" if any(note.startswith(ENDED) for note in verdict["notes"]) else ""
     if not effects:
         return f"Something acts that nothing in the catalogue explains: {left}."
-    names = joined([named_with_others(e) for e in effects])
+    names = joined([named_with_others(e, effects) for e in effects])
     if grows := growth(verdict):
         where = f"{left}; " if verdict["unexplained"] else ""
         return f"Something acts that nothing in the catalogue explains: {where}with {names} {grows}."
@@ -163,9 +163,9 @@ def _found(verdict: dict[str, Any]) -> str:
     """What the declared model lacks, and declared numbers that are off: their names, or how many where they are many."""
     lacking, off = _lacking(verdict), _off(verdict)
     if len(off) <= NAMED:
-        return f"the declared model lacks {joined([named_with_others(e) for e in (*lacking, *off)])}"
+        return f"the declared model lacks {joined([named_with_others(e, lacking) for e in (*lacking, *off)])}"
     many = f"{len(off)} declared numbers are off{' besides the springs' if _springs(verdict) else ''}"
-    names = joined([named_with_others(e) for e in lacking])
+    names = joined([named_with_others(e, lacking) for e in lacking])
     return f"the declared model lacks {names}, and {many}" if lacking else many
 
 

@@ -15,6 +15,7 @@ from functools import cache, partial
 from math import inf
 
 from ident.arm.parts import Split
+from ident.effects.waves import order_of
 from ident.identification.campaign_model import model_of_campaign
 from ident.loop.diagnose import Begun, Diagnosis, begin
 from ident.loop.zeros import far_from_zero
@@ -100,10 +101,11 @@ def _diagnosed(
         at_once = not (alone or some or general.bench.late) and general.at_once
         return alone or at_once
 
-    stayed: set[frozenset[tuple[str, int | None]]] = set()
+    stayed: set[frozenset[tuple[str, int | None, float | None]]] = set()
 
     def gives_way(state: State, split: Split) -> bool:
-        bench, names = replace(simplest.bench, split=split), frozenset((e.name, e.joint) for e in state.effects)
+        bench = replace(simplest.bench, split=split)
+        names = frozenset((e.name, e.joint, order_of(e)) for e in state.effects)
         if bench.late or names in stayed:
             return False
         left = reduced_chi2(bench, state)

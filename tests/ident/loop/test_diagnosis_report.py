@@ -100,6 +100,16 @@ def test_effects_with_which_it_grows_and_something_stays_are_what_comes_nearest_
     assert any("Keep the declared arm" in line for line in todo(v)) and not any("Use the" in line for line in todo(v))
 
 
+def test_two_waves_of_one_kind_at_a_joint_are_told_by_their_orders(file):
+    v = verdict_document(diagnosis(), [file])
+    wave = v["effects"][0] | {"name": "torque-ripple", "confounded_with": []}
+    orders = [{"order": {"value": order, "std": None, "unit": "1/rev"}} for order in (2.0, 12.0)]
+    v["effects"] = [wave | {"parameters": one} for one in orders]
+    assert "lacks torque-ripple of order 2 at joint2 and torque-ripple of order 12 at joint2; with them" in sentence(v)
+    v["effects"] = v["effects"][:1]
+    assert "lacks torque-ripple at joint2; with it" in sentence(v)
+
+
 def test_what_is_to_be_said_of_a_record_is_told_in_the_verdict_and_in_words(file):
     d = diagnosis()
     first, *others = d.responses

@@ -35,12 +35,12 @@ from ident.search.refits import (
     Refit,
     _as_declared,
     _by_all_lines,
-    _drawn_again,
     all_fitted,
     fitted,
     reduced_chi2,
     standing,
 )
+from ident.search.slopes import drawn_again
 from ident.search.trace import FEW_RECORDS
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model
@@ -143,8 +143,8 @@ def test_a_linear_law_stays_where_a_curve_has_its_slope_and_no_other(
     law: str, values: Any, variable: str, held: bool
 ) -> None:
     effect, curve = CATALOGUE[law](1, values), learned("link", variable, [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.1))
-    assert _drawn_again(effect, (effect, curve)) == held
-    assert not _drawn_again(effect, (effect, replace(curve, joint=0)))
+    assert drawn_again(effect, (effect, curve)) == held
+    assert not drawn_again(effect, (effect, replace(curve, joint=0)))
 
 
 def test_refits_that_begin_late_are_skipped_and_lose_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
