@@ -36,6 +36,8 @@ INFORMATION_ROUNDING = 1e-13
 #: Share of itself, or of its scale, by which an effect's parameter is changed to see what it does; where that is an impedance or a gain; of
 #: itself, what its impedance depends on.
 NUDGE, EXACT_NUDGE = 1e-4, 1e-6
+#: Turns to the force of dry friction in a descent once it is late.
+LATE_TURNS = 1
 #: Where dry friction was found, by record and by port and joint.
 Slides = Mapping[int, Mapping[tuple[str, int], Slid]]
 #: What of `Extra` is forces and readings.
@@ -137,8 +139,9 @@ class Held:
     moved: Moved | None
 
 
-def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
-    """Weights and motions of all records, for the arm at `vector`."""
+def hold(problem: Problem, vector: Array, doubt: float = 0.0, hurries: bool = False) -> list[Held]:
+    """Weights and motions of all records, for the arm at `vector`. One that `hurries` takes `LATE_TURNS` once it is late: what such motions
+    leave says whether to go on, and is told of nothing."""
     whole, effects = problem.parameters(vector), problem.effects_at(vector)
     forceful = any(map(has_forces, effects))
 
@@ -147,8 +150,9 @@ def hold(problem: Problem, vector: Array, doubt: float = 0.0) -> list[Held]:
         scene = problem.scene(one, effects)
         powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear_extra(scene, p, effects))
         how = moved(scene, p, effects)
-        if how is not None and problem.turns >= (1 if forceful else TURNS):
-            how = smoothed(scene, p, effects, how, one.sampling, powers, problem.turns, problem.slid.get(one.index))
+        turns = min(problem.turns, LATE_TURNS) if hurries and forceful and problem.late else problem.turns
+        if how is not None and turns >= (1 if forceful else TURNS):
+            how = smoothed(scene, p, effects, how, one.sampling, powers, turns, problem.slid.get(one.index))
         if how is not None and how.lined:
             linear = linear_part(scene, p, effects, how)
             powers = noise_powers(scene.arm, p, one.sampling, one.noise, scene.theta, linear)

@@ -100,10 +100,10 @@ def _minimised(sums: Sums, vector: Array, doubts: Sequence[float], outer: int, r
     followed = any(map(has_forces, problem.effects))
     for left, doubt in zip(range(len(doubts) + outer, 0, -1), (*doubts, *[0.0] * outer), strict=True):
         place.weighed(sums, vector, doubt)
-        if plain is not None and place.chi2 > begun:
+        if plain is not None and place.chi2 > begun and not problem.late:
             place.weighed(sums, plain, doubt)
         for share in BACK if dry and not doubt else ():
-            if place.chi2 > (1.0 + ROUGHLY) * begun:
+            if place.chi2 > (1.0 + ROUGHLY) * begun and not problem.late:
                 place.weighed(sums, begin + share * (vector - begin), doubt)
         if not doubt and (best is None or place.chi2 < best.chi2):
             best, worse = place.at(sums, False), 0

@@ -42,7 +42,7 @@ class Share:
     last: tuple[Array, list[tuple[Complex, Complex, NDArray[np.int64]]]] | None = None
 
     def hold(self, vector: Array, doubt: float) -> list[Slides]:
-        self.held, self.last = hold(self.problem, vector, doubt), None
+        self.held, self.last = hold(self.problem, vector, doubt, hurries=True), None
         slid = slides(self.problem, self.held)
         self.problem = replace(self.problem, slid=slid)
         return [{one.index: slid[one.index]} if one.index in slid else {} for one in self.problem.data]
@@ -59,13 +59,15 @@ class Share:
         self, vector: Array, which: Sequence[int], joints: Sequence[int]
     ) -> list[tuple[float, Array, Array, NDArray[np.int64]]]:
         """As `equations`; derivatives by the parameters `which` are differences between motions found anew, and so is what inertia and
-        gravity stiffness of each of `joints` do."""
+        gravity stiffness of each of `joints` do. Once it is late motions are not found anew."""
         found = []
         for one, kept in zip(self.problem.data, self.held, strict=True):
             alone = replace(self.problem, data=(one,))
             white, A, columns = whitened(self.problem, vector, one, kept)
             ways = [(np.arange(len(vector)) == k) * 1.0 for k in which if k in columns]
             for way in ways + _own(self.problem, one, joints):
+                if self.problem.late:
+                    break
                 there = vector + FOLLOWED * self.problem.scale * way
                 moved = hold(alone, there)[0].moved
                 after = whitened_by(kept.W[one.use], residual(alone, there, one, moved, judged=True)[0]).ravel()

@@ -206,6 +206,10 @@ class Effect(ABC):
         there = slides and cls.port != "motor"
         return (parameter.sliding if there else "") or parameter.unit
 
+    def unit_of(self, parameter: Parameter, slides: Callable[[int | None], bool]) -> str:
+        """The same in an arm of which `slides` says which joints do."""
+        return self.unit(parameter, slides(self.joint))
+
     def with_values(self, values: Sequence[float]) -> Self:
         return replace(self, values=tuple(float(v) for v in values))
 

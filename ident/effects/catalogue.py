@@ -99,7 +99,7 @@ def truth(effects: Sequence[Effect], drives: Sequence[Drive]) -> dict[str, Any]:
                 "parameters": {
                     p.name: {
                         "value": value,
-                        "unit": effect.unit(p, effect.joint is not None and drives[effect.joint].linear),
+                        "unit": effect.unit_of(p, lambda joint: joint is not None and drives[joint].linear),
                     }
                     for p, value in zip(effect.parameters, effect.values, strict=True)
                 },

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -93,6 +93,11 @@ class MotorCoupling(Effect):
         Parameter("ratio", "", -2.0, 2.0, (0.02, -0.02)),
         Parameter("step", "joints", 1.0, 6.0, (1.0, 2.0), zero=None, whole=True),
     )
+
+    def unit_of(self, parameter: Parameter, slides: Callable[[int | None], bool]) -> str:
+        assert self.joint is not None
+        here, there = ("m" if slides(j) else "rad" for j in (self.joint, self.joint + round(self["step"])))
+        return f"{here}/{there}" if parameter.name == "ratio" and here != there else self.unit(parameter, False)
 
     def other(self, n: int) -> int:
         """The joint (from 0) whose motor loads this one's. IdentError where the arm ends before."""

@@ -22,12 +22,17 @@ def model_of_campaign(
     symmetric = model_of_urdf(campaign.urdf, campaign.joints, believe_zeros=True)
     if not _determined(responses, symmetric, method):
         return model, ()
-    believed = len(symmetric.factoring.believed)
-    note = (
-        f"The records do not determine all constants of general links: the {believed} inertial parameters that are exactly "
-        "zero in the URDF are believed to be zero."
-    )
+    zeros = zeros_believed(len(symmetric.factoring.believed))
+    note = f"The records do not determine all constants of general links: {zeros[0].lower()}{zeros[1:]}."
     return symmetric, (note,)
+
+
+def zeros_believed(count: int) -> str:
+    """That so many zeros of the URDF are believed, as a sentence without its stop."""
+    which, are = (
+        (f"{count} inertial parameters that are", "are") if count > 1 else ("one inertial parameter that is", "is")
+    )
+    return f"The {which} exactly zero in the URDF {are} believed to be zero"
 
 
 def _determined(responses: Sequence[Frf], model: Model, method: str) -> bool:

@@ -19,6 +19,7 @@ from ident.arm.evidence import Evidence, evidence, gravity_basis
 from ident.arm.parts import Split, degrees, split, split_lines
 from ident.effects.learned import Learned
 from ident.errors import IdentError
+from ident.loop.growth import is_worse
 from ident.records.campaign import Campaign
 from ident.records.frf import Frf, estimate
 from ident.search.added import (
@@ -73,7 +74,7 @@ from ident.search.rest import (
 from ident.search.rounds import another
 from ident.search.spread import as_found
 from ident.search.unbent import unbent
-from ident.search.whole_numbers import each_otherwise
+from ident.search.whole_numbers import each_otherwise, renumbered
 from symgen.plan import Model
 
 #: Rounds at most; each adds an effect, or more at once.
@@ -258,17 +259,18 @@ class Begun:
         after = errors(bench, state, told)
         if final:
             final[-1] = replace(final[-1], after=after.all)
-        status = status_of(bool(left), bool(final), bool(off), before.all, after.all)
+        own = [bench.campaign.joints[one.effect.joint] for one in final if one.effect.joint is not None]
+        status = status_of(bool(left), bool(final), bool(off), is_worse(before, after, own))
         campaign, model = bench.campaign, bench.model
         return Diagnosis(
             campaign, model, self.responses, bench.split, start, state, tuple(final), off, before, after, left, status
         )
 
 
-def status_of(left: bool, effects: bool, off: bool, before: float, after: float) -> str:
-    """Status of the verdict: whether anything is `left` of the records, there are `effects`, declared numbers are `off`; held-out errors.
-    Effects with which records that nothing has seen are told worse are none of those that act."""
-    if left or (effects and after > before):
+def status_of(left: bool, effects: bool, off: bool, worse: bool) -> str:
+    """Status of the verdict: whether anything is `left` of the records, there are `effects`, declared numbers are `off`. Effects with which
+    records that nothing has seen are told `worse` are none of those that act."""
+    if left or (effects and worse):
         return "unexplained"
     return "effect-found" if effects or off else "explained"
 
@@ -391,4 +393,5 @@ def _loop(
     if added and state is not begun_afresh and not bench.late and may_be_bent(bench, start, state):
         state = afresh(bench, state)
     state, added = of_another_size(bench, state, added)
-    return each_otherwise(bench, state), added
+    new = each_otherwise(bench, state)
+    return new, renumbered(state, new, added)

@@ -217,7 +217,7 @@ def _parameters(d: Diagnosis, effect: Effect, std: Sequence[float]) -> dict[str,
         p.name: {
             "value": value,
             "std": None if p.whole or (p.declared and not deviation) else deviation,
-            "unit": effect.unit(p, d.model.chain.slides(effect.joint)),
+            "unit": effect.unit_of(p, d.model.chain.slides),
         }
         for p, value, deviation in zip(effect.parameters, effect.values, deviations, strict=True)
         if not p.aside

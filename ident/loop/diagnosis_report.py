@@ -32,6 +32,7 @@ from ident.loop.effect_words import (
     values,
 )
 from ident.loop.either_model import ENDED
+from ident.loop.growth import growth, nearest
 from ident.loop.held_out import HeldOut, felt, gains, held_out, reconstructed, with_few_lines
 from ident.loop.repeats import unrepeated
 from ident.search.deviations import ALONE, BESIDE, SIGMAS
@@ -91,6 +92,7 @@ def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
             software=software(),
             name_of=name_of,
             remarks=remarks,
+            nearest=nearest(verdict),
             extent=extent,
             unplayed=UNPLAYED,
         )
@@ -119,13 +121,10 @@ def sentence(verdict: dict[str, Any], few: Collection[str] = ()) -> str:
     left += ", when the search was ended for time" if any(note.startswith(ENDED) for note in verdict["notes"]) else ""
     if not effects:
         return f"Something acts that nothing in the catalogue explains: {left}."
-    before, after = (verdict["error"][when]["all"] for when in ("before", "after"))
-    names = joined([named_with_others(e) for e in effects])
-    if after > before and not verdict["unexplained"]:
-        return (
-            f"Something acts that nothing in the catalogue explains: with {names} the held-out error grows from "
-            f"{percent(before)} to {percent(after)}."
-        )
+    names = joined([named_with_others(e, effects) for e in effects])
+    if grows := growth(verdict):
+        where = f"{left}; " if verdict["unexplained"] else ""
+        return f"Something acts that nothing in the catalogue explains: {where}with {names} {grows}."
     if _is_far(verdict):
         come = "comes" if len(effects) == 1 else "come"
         return f"Something acts that nothing in the catalogue explains: {left}; {names} {come} nearest, far from it."
@@ -164,9 +163,9 @@ def _found(verdict: dict[str, Any]) -> str:
     """What the declared model lacks, and declared numbers that are off: their names, or how many where they are many."""
     lacking, off = _lacking(verdict), _off(verdict)
     if len(off) <= NAMED:
-        return f"the declared model lacks {joined([named_with_others(e) for e in (*lacking, *off)])}"
+        return f"the declared model lacks {joined([named_with_others(e, lacking) for e in (*lacking, *off)])}"
     many = f"{len(off)} declared numbers are off{' besides the springs' if _springs(verdict) else ''}"
-    names = joined([named_with_others(e) for e in lacking])
+    names = joined([named_with_others(e, lacking) for e in lacking])
     return f"the declared model lacks {names}, and {many}" if lacking else many
 
 
@@ -229,7 +228,11 @@ def todo(verdict: dict[str, Any]) -> list[str]:
             lines.append(f"{begin}{named(effect)} {join} {named(other)}: {other['separate_by']}.")
     if verdict["unexplained"]:
         lines.append(f"Look at {place(verdict['unexplained'][0])}: ident next plans records that show it best.")
-    if verdict["effects"]:
+    if growth(verdict):
+        lines.append(
+            "Keep the declared arm: the one in this directory has what comes nearest, with which the held-out error grows."
+        )
+    elif verdict["effects"]:
         careful = (
             ", but with care: what stays unexplained bends its numbers" if verdict["status"] == "unexplained" else ""
         )
@@ -264,6 +267,7 @@ def text(verdict: dict[str, Any], brief: bool = False, few: Collection[str] = ()
         (f"{joint}, link encoder", w["before"], w["after"], w["noise"]) for joint, w in verdict["link_encoders"].items()
     ]
     lines += _errors(of_links)
+    lines += ["", nearest(verdict)] if growth(verdict) else []
     for k, effect in enumerate(verdict["effects"], 1):
         lines += [""] * (not effect["declared"] or k == len(_lacking(verdict)) + 1)
         lines += _of_effect(k, effect, verdict, brief)
@@ -314,9 +318,11 @@ def sensor_artefacts(verdict: dict[str, Any]) -> list[str]:
 
 def _worst(verdict: dict[str, Any]) -> tuple[float, str] | None:
     """The entry of J(q) that was off most (rms over postures), of those that changed by more than three times what they are
-    known to."""
+    known to; none where it was no worse before."""
     J = verdict["inertia"]["J"]
     n = len(J["change_rms"])
+    if growth(verdict):
+        return None
     rows = [(J["change_rms"][i][j], J["std_after"][i][j], entry(i, j, n)) for i in range(n) for j in range(i, n)]
     return max(((off, name) for off, std, name in rows if off and std is not None and off > 3.0 * std), default=None)
 

@@ -45,13 +45,17 @@ def _at(effect: dict[str, Any]) -> str:
     return f" at {effect['joint']}" if effect["joint"] else ""
 
 
-def named_with_others(effect: dict[str, Any]) -> str:
-    """The same with all that these records do not tell it from."""
+def named_with_others(effect: dict[str, Any], among: Sequence[dict[str, Any]] = ()) -> str:
+    """The same with all that these records do not tell it from; a wave with its order, where another one of the kind is `among` those at
+    its joint."""
     others = [other for other in effect["confounded_with"] if other["name"] != effect["name"]]
     here = dict.fromkeys(name_of(other) for other in others if other["joint"] == effect["joint"])
     elsewhere = [other for other in effect["confounded_with"] if other["joint"] != effect["joint"]]
     place = _at(effect) + (f" (or {joined([named(other) for other in elsewhere], 'or')})" if elsewhere else "")
-    return name_of(effect) + (f" (or {joined([*here], 'or')})" if here else "") + place
+    alike = [one for one in among if (one["name"], one["joint"]) == (effect["name"], effect["joint"])]
+    order = effect["parameters"].get("order") if len(alike) > 1 else None
+    wave = f" of order {order['value']:g}" if order else ""
+    return name_of(effect) + wave + (f" (or {joined([*here], 'or')})" if here else "") + place
 
 
 def joined(names: Sequence[str], last: str = "and") -> str:

@@ -15,7 +15,8 @@ from functools import cache, partial
 from math import inf
 
 from ident.arm.parts import Split
-from ident.identification.campaign_model import model_of_campaign
+from ident.effects.waves import order_of
+from ident.identification.campaign_model import model_of_campaign, zeros_believed
 from ident.loop.diagnose import Begun, Diagnosis, begin
 from ident.loop.zeros import far_from_zero
 from ident.records.campaign import Campaign
@@ -91,7 +92,7 @@ def _diagnosed(
                 return found, notes
             if does and found.added:
                 gone_on = partial(simplest.going_on, found, *beside)
-    say(f"the {believed} zeros of the URDF believed")
+    say(f"zeros of the URDF believed: {believed}")
 
     at_once = False
 
@@ -100,10 +101,11 @@ def _diagnosed(
         at_once = not (alone or some or general.bench.late) and general.at_once
         return alone or at_once
 
-    stayed: set[frozenset[tuple[str, int | None]]] = set()
+    stayed: set[frozenset[tuple[str, int | None, float | None]]] = set()
 
     def gives_way(state: State, split: Split) -> bool:
-        bench, names = replace(simplest.bench, split=split), frozenset((e.name, e.joint) for e in state.effects)
+        bench = replace(simplest.bench, split=split)
+        names = frozenset((e.name, e.joint, order_of(e)) for e in state.effects)
         if bench.late or names in stayed:
             return False
         left = reduced_chi2(bench, state)
@@ -138,10 +140,7 @@ def _diagnosed(
         if not explained and not at_once and general.bench.late
         else "explain the records no better"
     )
-    note = (
-        f"The {believed} inertial parameters that are exactly zero in the URDF are believed to be zero: more constants {tried} "
-        "(--no-believe-zeros takes them for unknown"
-    )
+    note = f"{zeros_believed(believed)}: more constants {tried} (--no-believe-zeros takes them for unknown"
     return simple, (note + ("; then the records are explained without an effect, too)." if alone else ")."),)
 
 

@@ -129,7 +129,8 @@ def wanted(verdict: dict[str, Any]) -> Wish | None:
     for row in verdict["unexplained"]:
         low, high = row["band_hz"]
         lines = [kind for kind in ("odd", "even") if row[kind]]
-        because = f"{low:g}-{high:g} Hz at {row['joint']} stays unexplained, {' and '.join(lines) or 'excited'} lines: "
+        shown = f"{low:g}-{high:g} Hz, {' and '.join(lines) or 'excited'} lines"
+        because = f"because something at {row['joint']} stays unexplained ({shown}): "
         if row["even"]:
             return Wish(
                 "shift", row["joint"], because + "even lines follow the angle or the load, a shifted posture says which"
@@ -307,10 +308,10 @@ def _paragraph(wish: Wish, cells: Sequence[Cell], robot: Robot, campaign: Campai
     per_joint = {joint: sum(cell.joint == joint for cell in cells) for joint in dict.fromkeys(c.joint for c in cells)}
     what = ", ".join(f"{joint} at {count} posture{'s' * (count > 1)}" for joint, count in per_joint.items())
     seconds = len(cells) * e.periods / e.f0
-    unit = "rad or m" if any(drive.linear for drive in robot.drives) else "rad"
+    units = {"m" if drive.linear else "rad" for drive in robot.drives if drive.joint in per_joint}
     return (
-        f"Next: excite {what}, swinging up to {e.swing:.2g} {unit} (before: {max(_swings(campaign)):.2g}), lines every {e.f0:g} Hz "
-        f"from {e.band[0]:g} to {e.band[1]:g} Hz, {e.periods} periods: {len(cells)} records, {seconds:.0f} s. This is "
+        f"Next: excite {what}, swinging up to {e.swing:.2g} {' or '.join(sorted(units, reverse=True))} (before: {max(_swings(campaign)):.2g}), lines every {e.f0:g} Hz "
+        f"from {e.band[0]:g} to {e.band[1]:g} Hz, {e.periods} periods: {len(cells)} records, {seconds:.0f} s. These are "
         f"{RECIPES[wish.recipe]}, {wish.because}."
     )
 

@@ -19,8 +19,9 @@ from ident.effects.motion import Motion
 from ident.records.campaign import Array
 from ident.search.candidates import Candidate, bounds, larger, only_size, units
 from ident.search.plausible import ORDERS
-from ident.search.refits import SLOPES, State, but_last, linearised, some
+from ident.search.refits import State, but_last, linearised, some
 from ident.search.shapes import TINY
+from ident.search.slopes import SLOPES
 from ident.search.trace import Linearised
 
 #: Samples of a record by which forces are compared; share of what a straight line leaves of a curve's force that a name may leave, and

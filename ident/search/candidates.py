@@ -14,6 +14,7 @@ from ident.arm.small_matrices import times
 from ident.effects.base import Effect, Parameter, only_impedance, scale
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import CREEP
+from ident.effects.waves import is_wave
 from ident.errors import IdentError
 from ident.records.frf import Complex
 from ident.search.plausible import starts, values_of
@@ -138,8 +139,8 @@ def places(kind: type[Effect], n: int) -> list[int | None]:
 def of_kinds(
     lin: Linearised, wanted: Callable[[type[Effect], int | None], bool], taken: Sequence[Effect]
 ) -> list[tuple[type[Effect], int | None]]:
-    """The kinds of the catalogue with the places that are `wanted`, and not `taken` yet."""
-    there = {(e.name, e.joint) for e in taken}
+    """The kinds of the catalogue with the places that are `wanted`, and not `taken` yet; waves of another order are."""
+    there = {(e.name, e.joint) for e in taken if not is_wave(e)}
     return [
         (kind, joint)
         for kind in CATALOGUE.values() if kind.injectable

@@ -59,6 +59,8 @@ def as_it_creeps(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
     found = {id(best): state}
     for one in alike:
         likewise = min(all_fitted(bench, _likewise(one.state, state)), key=lambda other: other.select)
+        if bench.late:  # it was not begun, or not ended
+            break
         bench.say(f"  likewise, {told(likewise.effects[-1])}: {reduced_chi2(bench, likewise):.4g}")
         found[id(one)] = likewise
     return [one.refitted(found.get(id(one), one.state)) for one in tried]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ident.arm.parts import degrees
 from ident.search.choice import Tried, ended_there, is_curve, left_by
 from ident.search.minima import told
@@ -80,7 +82,10 @@ def finely(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     for _ in range(1 + PATIENCE):
         before = list(map(left_by, falling))
         new = all_fitted(bench, [Refit.of(state) for _, state in falling])
-        finer = [one.refitted(state) for one, state in zip(falling, new, strict=True)]
+        finer = [
+            one if bench.late and np.isinf(state.select) else one.refitted(state)
+            for one, state in zip(falling, new, strict=True)
+        ]
         for _, state in finer:
             bench.say(f"  finely, {told(state.effects[-1])}: {reduced_chi2(bench, state):.4g}")
         best = min(settled + finer, key=left_by)

@@ -275,7 +275,7 @@ def elsewhere(bench: Bench, state: State, effect: Effect) -> State:
     refits = [Refit.of(state), *_resized(state, effect, sizes, ELSEWHERE)]
     here, *others = all_fitted(bench, [replace(one, outer=1, roughly=HASTILY) for one in refits])
     best = min(others, key=lambda other: other.select)
-    if best.select > here.select - max(LEAST_GAIN, 0.1 * (here.select - degrees(bench.split.select))):
+    if bench.late or best.select > here.select - max(LEAST_GAIN, 0.1 * (here.select - degrees(bench.split.select))):
         return state
     best = fully(bench, best)
     bench.say(f"  elsewhere, {told(next(e for e in best.effects if same(e, effect)))}: {reduced_chi2(bench, best):.4g}")

@@ -17,10 +17,12 @@ from ident.arm.evidence import Evidence
 from ident.arm.following import follow
 from ident.arm.parts import Split, degrees, few_lines, few_records, sampled
 from ident.arm.sliding import TURNS
-from ident.effects.base import Effect, Law, PortLaw, winds_up
+from ident.effects.base import Effect, winds_up
 from ident.effects.carried import of_declared_links
-from ident.effects.learned import LINEAR, Learned, as_damping
+from ident.effects.learned import Learned, as_damping
+from ident.effects.waves import order_of
 from ident.records.campaign import Array, Campaign
+from ident.search.slopes import drawn_again, drawn_besides
 from ident.search.trace import FEW_LINES, FEW_RECORDS, Linearised, linearise
 from symgen.forked import forked
 from symgen.plan import Model
@@ -46,11 +48,6 @@ CLOSE, BENT = 3.0, 100.0
 FALLING = 0.8
 #: Times chi^2 per degree of freedom from which a last descent began that the choosing records then leave where it went astray.
 ASTRAY = 3.0
-#: Which of the four numbers of a drive (`Parameters`: K, J_m, D, D_spring) is a slope of a curve, by port and variable.
-SLOPES = {
-    ("spring", "position"): 0, ("motor", "velocity"): 2, ("motor", "sliding"): 2, ("motor", "damping"): 2, ("motor", "laden"): 2,
-    ("motor", "driving"): 2, ("spring", "velocity"): 3, ("spring", "damping"): 3, ("spring", "stiffness"): 0,
-}  # fmt: skip
 #: chi^2 of a height of a learned curve of the size of all, so that one that no record shows stays at nothing.
 UNSEEN_HEIGHT = 1e-4
 
@@ -88,10 +85,10 @@ class Bench:
         turns: int = TURNS,
     ) -> Problem:  # fmt: skip
         problem = problem_of(self.campaign, self.model, self.basis, data, self.guess, effects, scales, limits)
-        held = [p.whole or p.declared or _drawn_again(e, effects) for e in effects for p in e.parameters]
+        held = [p.whole or p.declared or drawn_again(e, effects) for e in effects for p in e.parameters]
         free = problem.free.copy()
         free[problem.base :] = ~np.array(held, dtype=bool)
-        free[[k for e in effects if (k := _drawn_besides(e, problem.n)) is not None]] = False
+        free[[k for e in effects if (k := drawn_besides(e, problem.n)) is not None]] = False
         weights = [1.0 if p.aside else UNSEEN_HEIGHT * isinstance(e, Learned) for e in effects for p in e.parameters]
         weight = np.concatenate([np.full(problem.base, self.firm), weights])
         centre = np.concatenate([self.guess.vector(), np.zeros(len(weights))])
@@ -143,30 +140,13 @@ class Refit:
         )  # fmt: skip
 
 
-def _drawn_again(effect: Effect, effects: Sequence[Effect]) -> bool:
-    """Whether a learned curve has the slope of a linear law of its port in it, too, a stiffness or a damping, or of one with a memory, which is
-    either: together they could be anything."""
-    if not (isinstance(effect, PortLaw) and effect.linear):
-        return False
-    curves = [e for e in effects if isinstance(e, Learned) and e.variable in LINEAR]
-    slopes = [e.variable != "position" for e in curves if (e.port, e.joint) == (effect.port, effect.joint)]
-    return effect.drags in slopes if isinstance(effect, Law) else bool(slopes)
-
-
-def _drawn_besides(effect: Effect, n: int) -> int | None:
-    """The place of the stiffness or damping of the arm that is the slope of a learned curve, too; None where it has none."""
-    if not isinstance(effect, Learned) or effect.joint is None or (effect.port, effect.variable) not in SLOPES:
-        return None
-    return SLOPES[effect.port, effect.variable] * n + effect.joint
-
-
 def _as_declared(bench: Bench, refit: Refit) -> Array:
     """Where the fit begins: with dampings that curves draw, too, as declared. What one that was found without its curve is more than that
     begins as part of the curve."""
     declared, vector = bench.guess.vector(), refit.vector.copy()
     n, base = len(bench.guess.K), len(vector) - len(refit.scales)
     for effect, slots in zip(refit.effects, _slots(refit), strict=True):
-        k = _drawn_besides(effect, n)
+        k = drawn_besides(effect, n)
         if isinstance(effect, Learned) and k is not None and k >= 2 * n:
             more = (np.exp(vector[k]) - np.exp(declared[k])) * as_damping(effect)
             low, high = np.transpose([refit.limits[i] for i in slots])
@@ -176,9 +156,11 @@ def _as_declared(bench: Bench, refit: Refit) -> Array:
 
 
 def all_fitted(bench: Bench, refits: Sequence[Refit]) -> Iterator[State]:
-    """The models of `refits`, made by all workers."""
+    """The models of `refits`, made by all workers; once it is late those that are not begun stay as they are, with chi^2 infinite."""
 
     def work(refit: Refit) -> tuple[Minimum, float]:
+        if bench.late:
+            return _unfitted(refit), np.inf
         state = fitted(bench, refit)
         return state.minimum, state.select
 
@@ -268,17 +250,22 @@ def fitted(bench: Bench, refit: Refit) -> State:
                 select, (chi2, slid) = every, _left(problem, minimum.vector, every)
             minimum = _by_all_lines(problem, replace(minimum, slid=slid), degrees(bench.split.fit) / degrees(fit))
     except (ValueError, np.linalg.LinAlgError):  # an effect so strong that the arm's response is no number
-        nothing = np.zeros((len(refit.vector), len(refit.vector)))
-        minimum, chi2 = Minimum(refit.vector, nothing, np.inf, False), np.inf
+        minimum, chi2 = _unfitted(refit), np.inf
     effects, left = problem.effects_at(minimum.vector), chi2 * degrees(bench.split.select) / degrees(select)
     problem = replace(problem, turns=TURNS, slid=minimum.slid)  # what it is asked later it tells as closely as any
     return State(effects, refit.scales, refit.limits, minimum, problem, left, refit.roughly, refit.followed)
 
 
+def _unfitted(refit: Refit) -> Minimum:
+    """Where a fit begins, chi^2 infinite."""
+    nothing = np.zeros((len(refit.vector), len(refit.vector)))
+    return Minimum(refit.vector, nothing, np.inf, False, refit.slid)
+
+
 def _left(problem: Problem, vector: Array, select: tuple[Evidence, ...]) -> tuple[float, Slides]:
     """chi^2 of records that choose, and where dry friction was found in these, too."""
     chosen = replace(problem, data=select)
-    held = hold(chosen, vector)
+    held = hold(chosen, vector, hurries=True)
     return chi_squared(chosen, vector, held), slides(chosen, held)
 
 
@@ -386,7 +373,9 @@ def _slots(state: State | Refit) -> list[NDArray[np.int64]]:
 
 
 def same(a: Effect, b: Effect) -> bool:
-    return a.joint == b.joint and (type(a) is type(b) or a.name == b.name != "unknown")
+    """Whether two effects are one, whatever its values: a wave of another order is another."""
+    alike = type(a) is type(b) or a.name == b.name != "unknown"
+    return alike and a.joint == b.joint and order_of(a) == order_of(b)
 
 
 def reduced_chi2(bench: Bench, state: State) -> float:

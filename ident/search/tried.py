@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.effects.base import Effect, winds_up
+from ident.effects.waves import order_of
 from ident.records.campaign import Array
 from ident.search.candidates import Candidate, bounds, units
 from ident.search.choice import Tried
@@ -66,16 +67,17 @@ def refitted(bench: Bench, state: State, short: Sequence[tuple[Candidate, Linear
 def again(bench: Bench, state: State, earlier: Sequence[State]) -> list[Tried]:
     """The model `state` with the last effect of each of some `earlier` ones, as it was in them, on the arm that they had; no friction beside
     friction of the same port that follows from the same."""
-    refits: dict[tuple[str, int | None], tuple[Candidate, Refit]] = {}
+    refits: dict[tuple[str, int | None, float | None], tuple[Candidate, Refit]] = {}
     base = state.problem.base
     for other in earlier:
         effect, arm = other.effects[-1], other.minimum.vector[:base]
         own = len(other.scales) - len(effect.values)
         candidate = Candidate(effect, 0.0, other.scales[own:])
         taken = any(same(effect, e) or _rub_alike(effect, e) for e in state.effects)
-        if not taken and (effect.name, effect.joint) not in refits:
+        key = effect.name, effect.joint, order_of(effect)
+        if not taken and key not in refits:
             found = np.concatenate([arm, state.minimum.vector[base:]])
-            refits[effect.name, effect.joint] = candidate, _with(state, found, candidate, other.limits[own:])
+            refits[key] = candidate, _with(state, found, candidate, other.limits[own:])
     candidates, models = [c for c, _ in refits.values()], all_fitted(bench, [refit for _, refit in refits.values()])
     tried = list(map(Tried, candidates, models))
     for _, new in tried:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ident.search.candidates import otherwise
@@ -17,10 +20,14 @@ from ident.search.refits import (
     fitted,
     reduced_chi2,
     reordered,
+    same,
     standing,
     with_last,
 )
 from ident.search.tried import with_candidate
+
+if TYPE_CHECKING:
+    from ident.search.added import Added
 
 #: Share of what an effect does that it must promise with another whole number to be tried, where nothing is left: promises are nearly right.
 PROMISED = 0.5
@@ -61,3 +68,14 @@ def each_otherwise(bench: Bench, state: State) -> State:
         if new is not last:
             state = new if k == final else reordered(bench, new, np.argsort(order).tolist())
     return state
+
+
+def renumbered(state: State, new: State, added: list[Added]) -> list[Added]:
+    """The entries of the effects of a model, as they are in the `new` one, where they have other whole numbers."""
+    if new is state:
+        return added
+    became = list(zip(state.effects, new.effects, strict=True))
+    return [
+        replace(a, effect=next((now for was, now in became if same(a.effect, was) and not same(was, now)), a.effect))
+        for a in added
+    ]

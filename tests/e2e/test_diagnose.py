@@ -149,6 +149,7 @@ def test_readme_shows_the_commands_and_the_table_that_there_are() -> None:
         "declared": {"joints": [], "drives": {"K": []}},
         "drives": {"K": {"value": [], "std": []}},
         "unexplained": [],
+        "link_encoders": {},
         "notes": [],
         "inertia": {"J": {"change_rms": [[None]], "std_after": [[None]]}},
         "error": {

@@ -369,6 +369,10 @@ def test_beyond_the_gear_of_a_slide_units_are_metres_and_newtons() -> None:
         drives = load_robot(ROBOTS / "scara4").drives
         (told,) = truth([parse(text + "@joint3", drives)], drives)["effects"]
         assert [p["unit"] for p in told["parameters"].values()] == [unit]
+    for joint, unit in (("joint1", ""), ("joint2", "rad/m"), ("joint3", "m/rad")):  # of this joint, by the next one
+        drives = load_robot(ROBOTS / "scara4").drives
+        (told,) = truth([parse(f"motor-coupling:ratio=0.003,step=1@{joint}", drives)], drives)["effects"]
+        assert [p["unit"] for p in told["parameters"].values()] == [unit, "joints"]
     cogging = learned("link", "friction", (0.0, 0.01, 0.02), 0.03)(2, (0.0,) * 3)
     assert [cogging.curve(slides)[key] for slides in (True, False) for key in ("unit", "period_unit")] == [
         "N",

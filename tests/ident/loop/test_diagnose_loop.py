@@ -327,12 +327,16 @@ def test_entries_are_in_the_order_in_which_they_were_added_and_errors_of_the_sam
         "merged": lambda state, contradictions: (state, ()),
         "settled": lambda bench, state: state,
         "told_of": lambda split, state, data: data[: -len(state.effects) // 2],
-        "errors": lambda bench, state, data: SimpleNamespace(all=state.select, of=data),
+        "errors": lambda bench, state, data: SimpleNamespace(
+            all=state.select, of=data, per_joint={}, noise_per_joint={}
+        ),
     }
     _instead(monkeypatch, stand_ins)
     monkeypatch.setattr("ident.search.spread.standard_deviations", lambda *of: ())
     monkeypatch.setattr("ident.search.spread.scatter", lambda split, state: 1.0)
-    bench: Any = SimpleNamespace(split=parts, campaign=None, model=None, say=lambda line: None)
+    bench: Any = SimpleNamespace(
+        split=parts, campaign=SimpleNamespace(joints=("joint1", "joint2", "joint3")), model=None, say=lambda line: None
+    )
     told = Begun((), (), bench, start).diagnosed()  # type: ignore[arg-type]
     assert [(one.effect, one.after) for one in told.added] == [(renamed_first, 0.2), (second, 1.0)]
     assert told.before.of == told.after.of == ("first",)  # type: ignore[attr-defined]

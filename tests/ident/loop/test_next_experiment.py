@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosed import campaign, diagnosis
+from diagnosed import ROOT, campaign, diagnosis
 
 import ident.loop.next_experiment
 from ident.arm.coupled import uncertainty
@@ -16,11 +17,11 @@ from ident.errors import IdentError
 from ident.identification.export import write_files
 from ident.identification.identified import of_parts
 from ident.loop.diagnosis_json import FILE, verdict_document, write
-from ident.loop.next_experiment import LARGER, SMALLER, SWING, Wish, _another, _cells, plan_next, wanted
+from ident.loop.next_experiment import LARGER, SMALLER, SWING, Wish, _another, _cells, _paragraph, plan_next, wanted
 from ident.records.inputs import again, joined, told
 from ident.records.store import write_campaign
 from ident.simulator.bench import design
-from symgen.plan import chain_of_robot, load_plan_cells, make_model
+from symgen.plan import Cell, chain_of_robot, load_plan_cells, make_model
 from symgen.robot import load_robot
 
 
@@ -191,7 +192,17 @@ def test_what_is_unexplained_asks_by_its_parity():
     for odd, even, recipe in ((True, False, "amplitude"), (True, True, "shift"), (False, False, "others")):
         wish = wanted({"effects": [], "unexplained": [row | {"odd": odd, "even": even}]})
         assert wish is not None and (wish.recipe, wish.joint) == (recipe, "joint2")
+        assert wish.because.startswith("because something at joint2 stays unexplained (3-10 Hz, ")
     assert wanted({"effects": [], "unexplained": []}) is None
+
+
+@pytest.mark.parametrize(
+    ("joints", "unit"), [(("joint3",), "m"), (("joint1",), "rad"), (("joint1", "joint3"), "rad or m")]
+)
+def test_how_far_a_slide_swings_is_told_in_metres(joints, unit):
+    cells = [Cell(joint, np.zeros(4)) for joint in joints]
+    said = _paragraph(Wish("shift", joints[0], "because"), cells, load_robot(ROOT / "robots" / "scara4"), campaign())
+    assert re.search(rf"up to [0-9.]+ {unit} \(before", said) and "These are the same postures" in said
 
 
 def test_what_is_missing_is_said_in_one_line(verdict, tmp_path):

@@ -86,7 +86,7 @@ def test_a_last_descent_whose_motions_no_longer_hold_is_taken_back(
     monkeypatch.setattr(ident.search.refits, "minimise", lambda problem, vector, *how: minimum)
     monkeypatch.setattr(ident.search.refits, "degrees", lambda data: 1)
     monkeypatch.setattr(ident.search.refits, "sampled", lambda one, samples: one)
-    monkeypatch.setattr(ident.search.refits, "hold", lambda problem, vector: [])
+    monkeypatch.setattr(ident.search.refits, "hold", lambda problem, vector, hurries: [])
     monkeypatch.setattr(ident.search.refits, "chi_squared", lambda problem, vector, held: left[float(vector[0])])
     monkeypatch.setattr(ident.search.refits, "replace", lambda one, **new: SimpleNamespace(**{**vars(one), **new}))
     problem = SimpleNamespace(effects_at=lambda vector: (), expected=None)

@@ -19,7 +19,7 @@ LEFT = 200.0
 
 
 def name(joint: int | None, gain: float, left: float, dry: bool = False) -> Tried:
-    effect = SimpleNamespace(name="friction" if dry else "damping", joint=joint, dry=dry, carries=False)
+    effect = SimpleNamespace(name="friction" if dry else "damping", joint=joint, dry=dry, carries=False, parameters=())
     candidate = SimpleNamespace(effect=effect, gain=gain, key=joint)
     minimum = SimpleNamespace(vector=None)
     state = SimpleNamespace(select=left, effects=(effect,), problem=None, minimum=minimum, roughly=0.03)

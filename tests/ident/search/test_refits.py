@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -11,27 +12,35 @@ import numpy as np
 import pytest
 from diagnosed import CELLS, ROOT
 
+import ident.arm.arm_fit
 import ident.search.refits
+from ident.arm.arm_fit import LATE_TURNS, hold
 from ident.arm.coupled import declared_start
 from ident.arm.descent import Minimum
 from ident.arm.evidence import evidence, gravity_basis
 from ident.arm.parts import Split, few_records
+from ident.arm.sliding import TURNS
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.learned import learned
 from ident.records.frf import estimate
+from ident.search.candidates import Candidate
+from ident.search.choice import Tried
+from ident.search.finer import finely
 from ident.search.refits import (
     CLOSE,
+    FINELY,
     HASTILY,
     NAMED,
     Bench,
     Refit,
     _as_declared,
     _by_all_lines,
-    _drawn_again,
+    all_fitted,
     fitted,
     reduced_chi2,
     standing,
 )
+from ident.search.slopes import drawn_again
 from ident.search.trace import FEW_RECORDS
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model
@@ -134,5 +143,35 @@ def test_a_linear_law_stays_where_a_curve_has_its_slope_and_no_other(
     law: str, values: Any, variable: str, held: bool
 ) -> None:
     effect, curve = CATALOGUE[law](1, values), learned("link", variable, [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.1))
-    assert _drawn_again(effect, (effect, curve)) == held
-    assert not _drawn_again(effect, (effect, replace(curve, joint=0)))
+    assert drawn_again(effect, (effect, curve)) == held
+    assert not drawn_again(effect, (effect, replace(curve, joint=0)))
+
+
+def test_refits_that_begin_late_are_skipped_and_lose_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    b = bench()
+    refit = Refit(np.append(b.guess.vector(), SCALED.values), (SCALED,), (0.1,), ((-0.5, 0.5),), 1, HASTILY)
+    hasty = fitted(b, refit)
+    late = replace(b, until=time.monotonic() - 1.0)
+    monkeypatch.setattr(ident.search.refits, "fitted", lambda *_: pytest.fail("it was begun"))
+    (skipped,) = all_fitted(late, [refit])
+    assert np.isinf(skipped.select) and np.array_equal(skipped.minimum.vector, refit.vector)
+    tried = Tried(Candidate(SCALED, 0.0, (0.1,)), hasty)
+    assert finely(late, [tried]) == [tried]
+
+
+def test_motions_of_a_fit_that_is_late_take_few_turns_and_those_that_are_told_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    b, law = replace(bench(), until=time.monotonic() - 1.0), CATALOGUE["link-coulomb"](1, (0.5,))
+    turns = list[int]()
+
+    def smoothed(scene: Any, p: Any, effects: Any, how: Any, *of: Any) -> Any:
+        turns.append(of[2])
+        return how
+
+    monkeypatch.setattr(ident.arm.arm_fit, "smoothed", smoothed)
+    vector = np.append(b.guess.vector(), law.values)
+    state = fitted(b, Refit(vector, (law,), (0.1,), ((0.0, 1.0),), 1, FINELY))
+    assert len(turns) == 2 and set(turns) == {LATE_TURNS}  # of records that fit, and that choose
+    hold(state.problem, state.minimum.vector)
+    assert turns[2:] == [TURNS]
