@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from ident.effects.base import Effect, Parameter
-from ident.effects.waves import orders_at
+from ident.effects.waves import is_harmonic, orders_at
 from ident.search.periods import spectrum
 from ident.search.trace import Linearised
 
@@ -87,11 +87,12 @@ def _resonances(lin: Linearised, side: str, joint: int) -> tuple[float, ...]:
 
 def _orders(lin: Linearised, kind: type[Effect], joint: int, order: Parameter, most: int) -> tuple[float, ...]:
     """The `most` orders within their bounds whose waves lie best along the residual, in the records that excite the joint; none that it
-    has already."""
+    has already, and no wave where a harmonic of one of these does best."""
     port = "sensor" if kind.reading is not Effect.reading else kind.port
     seen = spectrum(lin, port, "motor", joint, float(ORDERS[-1]) + 0.5, 0.5)
     taken = orders_at(lin.problem.effects, kind, joint)
     orders = np.array([k for k in ORDERS if order.low <= k <= order.high and k not in taken], dtype=float)
     if seen is None:
         return tuple(orders[:1].tolist())
-    return tuple(orders[np.argsort(seen.at(orders))[::-1][:most]].tolist())
+    best = orders[np.argsort(seen.at(orders))[::-1][:most]].tolist()
+    return () if is_harmonic(best[0], taken) else tuple(k for k in best if not is_harmonic(k, taken))
