@@ -217,7 +217,7 @@ def held_modes(identification: Identification, m: Measurement) -> Array:
         k = c.joints.index(drive.joint)
         if not np.isfinite(K[k]):
             K[k] = drive.K.value
-    f, share = anti_resonances(m.frf, identification.model.J_cad(m.record.posture), K)
+    f, share = anti_resonances(m.frf, identification.model.J_cad(m.frf.posture), K)
     return f[share > VISIBLE_MODE][::-1]
 
 

@@ -31,7 +31,7 @@ from ident.loop.unexplained import unexplained
 from ident.plain import plain, replace_file
 from ident.records.campaign import Array, Campaign
 from ident.records.inputs import told
-from ident.records.resting import statuses
+from ident.records.resting import elsewhere, statuses
 from ident.search.added import Added
 from ident.search.changes import not_closer, told_of
 from ident.search.choice import LEAST_SHARE
@@ -101,6 +101,7 @@ def verdict_document(
             *remarks_on(d.after.noise_per_joint),
             *remarks_on_links(links),
             *not_closer(d.split, d.end),
+            *elsewhere(d.campaign, d.responses),
             *statuses(d.campaign.joints, d.responses),
         ],
         "made_with": made_with or {},

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.errors import IdentError
 from ident.records.campaign import Array, Campaign
-from ident.records.frf import RESTS, Frf, off_posture
+from ident.records.frf import POSTURE_TOLERANCE, RESTS, Frf, off_posture
 
 #: A joint [rad or m] farther than this from its declared posture, and than this share of what its spring sags, is told by another zero;
 #: nearer than that it is there.
@@ -43,6 +43,16 @@ def _rested(campaign: Campaign, frf: Frf, K: Array) -> Frf:
     moved = frf.posture + away if np.abs(away).max() > THERE else frf.posture
     status = [line for line in frf.status if RESTS not in line] + off_posture(frf.record, campaign.joints, aside - away)
     return replace(frf, posture=moved, offset=aside - away, status=tuple(status))
+
+
+def elsewhere(campaign: Campaign, responses: Sequence[Frf]) -> list[str]:
+    """Returns a line for each joint that rests away from its declared postures in `responses`, as `rested` has them."""
+    aside = np.array([frf.posture - one.posture for frf, one in zip(responses, campaign.records, strict=True)])
+    return [
+        f"{name} rests up to {far:.3g} from its declared postures, as its motor says by the spring that was found: J(q) is told of where it rests"
+        for name, far in zip(campaign.joints, np.abs(aside).max(axis=0), strict=True)
+        if far > POSTURE_TOLERANCE
+    ]
 
 
 def statuses(joints: Sequence[str], responses: Sequence[Frf]) -> list[str]:

@@ -186,7 +186,7 @@ def _record(m: Measurement) -> dict[str, Any]:
     f_AR, f_R = m.pair
     return {
         "excited": m.record.excited,
-        "posture": m.record.posture,
+        "posture": m.frf.posture,
         "J_l": m.J,
         "std": m.std,
         "J_cad": m.J_cad,
@@ -306,7 +306,7 @@ def _posture(m: Measurement, r: Identification) -> str:
     """The posture as one reads it: degrees, metres (and said so) for a sliding joint."""
     parts = [
         f"{q:.4g} m" if joint.type == "prismatic" else f"{round(np.degrees(q), 1) + 0.0:g}"
-        for q, joint in zip(m.record.posture, r.model.chain.joints, strict=True)
+        for q, joint in zip(m.frf.posture, r.model.chain.joints, strict=True)
     ]
     return ", ".join(parts).replace("-", "−")
 

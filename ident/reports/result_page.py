@@ -33,7 +33,7 @@ def _records(result: Identification) -> list[str]:
     head = ["record", "entry", "posture [rad, m]", "measured", "sigma", "CAD", "error %", "chi2/dof"]
     rows = [head]
     for m in result.measurements:
-        posture = " ".join(f"{value:8.4f}" for value in m.record.posture)
+        posture = " ".join(f"{value:8.4f}" for value in m.frf.posture)
         values = [_within(m.J, m.std), f"{m.std:.2g}", _short(m.J_cad, 5), _percent(m.J, m.J_cad)]
         rows.append([m.record.id, f"J_{m.index + 1}{m.index + 1}", posture, *values, f"{m.chi2_per_dof:.3g}"])
     fits = ["", *("" if m.explained else "  does not fit" for m in result.measurements)]

@@ -20,6 +20,7 @@ from ident.joint.fit import two_mass
 from ident.joint.solve import inertia_std
 from ident.records.campaign import Campaign
 from ident.records.frf import BINS, ORDER, estimate
+from ident.records.resting import elsewhere
 from ident.simulator.bench import simulate
 from symgen.plan import Model, chain_of_robot, make_model
 from symgen.robot import load_robot
@@ -335,6 +336,7 @@ def test_postures_told_by_other_springs_are_those_where_the_links_rest(share: fl
     assert fit.explained and fit.K == pytest.approx(c.K, rel=1e-3)
     assert all(np.abs(one.posture - r.posture).max() < 3e-4 for one, r in zip(fit.responses, c.records, strict=True))
     assert not any("rests" in line for one in fit.responses for line in one.status)
+    assert [line.split()[0] for line in elsewhere(told, fit.responses)] == ([] if share == 1.0 else ["j2"])
     off = (fit.alpha - arm.alpha_cad) / np.sqrt(np.diag(fit.covariance))
     assert np.abs(off).max() < 4.0
 
