@@ -130,9 +130,8 @@ def load_robot(path: str | Path) -> Robot:
     drives = tuple(_drive(f"{file}: [joint.{_key(name)}]", name, table) for name, table in tables.items())
     for drive in drives:
         if (drive.link_encoder_counts is None) != (drives[0].link_encoder_counts is None):
-            key = next(key for key in (_LINEAR if drive.linear else _ROTARY) if key.startswith("link_encoder"))
             raise RobotError(
-                f"{file}: [joint.{_key(drive.joint)}]: {key}: found at some joints only, expected at every joint or at none"
+                f"{file}: [joint.{_key(drive.joint)}]: {_OPTIONAL[drive.linear]}: found at some joints only, expected at every joint or at none"
             )
     experiment = _experiment(f"{file}: [experiment]", document.get("experiment", {}))
     return Robot(file.resolve().parent.name, file, urdf, drives, experiment, **top)
@@ -264,6 +263,7 @@ _EXPERIMENT: _Rules = {
     "lock_dob_Hz": ("lock_dob", _BANDWIDTH),
 }
 _COUNTS = _whole("a whole number >= 1", 1)
+#: What a drive may lack: of a joint that turns, of one that slides.
 _OPTIONAL = ("link_encoder_counts_per_rev", "link_encoder_counts_per_m")
 _MOTOR: _Rules = {
     "J_m_kgm2": ("J_m", _positive(1e-12, 1e3)),

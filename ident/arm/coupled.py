@@ -27,7 +27,7 @@ from ident.joint.start import START_DAMPING
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import Complex, Frf
 from ident.records.quantisation import HIDDEN_STEPS
-from ident.records.resting import THERE, are_elsewhere, rested
+from ident.records.resting import THERE, farthest_apart, rested
 from symgen.plan import Model
 
 #: Where a drive is not declared and nothing was fitted: only a start value, for a motor of a few hundred watts.
@@ -125,7 +125,7 @@ def fit_coupled(
         found = minimise(problem, found.vector)
     for _ in range(PLACES):
         there = rested(campaign, responses, problem.parameters(found.vector).K)
-        if are_elsewhere(responses, there) <= THERE:
+        if farthest_apart(responses, there) <= THERE:
             responses = there
             break
         moved = replace(problem, data=evidence_of(campaign, model, basis, there))

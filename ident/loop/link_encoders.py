@@ -13,9 +13,10 @@ import numpy as np
 
 from ident.arm.acting import Moved, acting
 from ident.arm.arm_fit import Problem, hold
-from ident.arm.arm_model import motion_and_derivatives, places, response
+from ident.arm.arm_model import Parameters, motion_and_derivatives, places, response
 from ident.arm.evidence import Evidence
-from ident.arm.scene import in_record, linear_extra
+from ident.arm.scene import Scene, in_record, linear_extra
+from ident.effects.base import Effect
 from ident.loop.diagnose import Diagnosis
 from ident.records.campaign import Array
 from ident.records.frf import Complex
@@ -100,7 +101,8 @@ def link_reads(d: Diagnosis) -> tuple[LinkRead, ...]:
     ]
     if not reported:
         return ()
-    before, after = (_links(state, reported) for state in (d.first, d.end))
+    before = _links(d.first, reported)
+    after = before if d.end is d.first else _links(d.end, reported)
     return tuple(_read(d, one, *models) for one, *models in zip(reported, before, after, strict=True))
 
 
@@ -122,9 +124,14 @@ def _links(state: State, data: Sequence[Evidence]) -> list[Complex]:
     ]
 
 
-def _moved_links(problem: Problem, vector: Array, one: Evidence, how: Moved | None) -> Complex:
+def _in(problem: Problem, vector: Array, one: Evidence) -> tuple[Scene, Parameters, tuple[Effect, ...]]:
+    """The arm at `vector` and its effects in a record, and that as these have it."""
     effects = problem.effects_at(vector)
-    scene, p = problem.scene(one, effects), in_record(problem.parameters(vector), effects, one.index)
+    return problem.scene(one, effects), in_record(problem.parameters(vector), effects, one.index), effects
+
+
+def _moved_links(problem: Problem, vector: Array, one: Evidence, how: Moved | None) -> Complex:
+    scene, p, effects = _in(problem, vector, one)
     extra = acting(scene, p, effects, how)
     theta, _ = motion_and_derivatives(scene.arm, p, one.sampling, scene.tau, extra, derive=False)
     return places(scene.arm, p, scene.s, extra, theta)[:, len(scene.arm.live) :]
@@ -144,9 +151,7 @@ def _read(d: Diagnosis, one: Evidence, before: Complex, after: Complex) -> LinkR
 
 def _by_torque_noise(state: State, one: Evidence) -> Complex:
     """What errors of the measured torques make of the excited joint's link angle in the last model [R, L]."""
-    problem, vector = state.problem, state.minimum.vector
-    effects = problem.effects_at(vector)
-    scene, p = problem.scene(one, effects), in_record(problem.parameters(vector), effects, one.index)
+    scene, p, effects = _in(state.problem, state.minimum.vector, one)
     extra = linear_extra(scene, p, effects)
     theta, m = response(scene.arm, p, one.sampling, extra), len(scene.arm.live)
     by_torque = np.stack(

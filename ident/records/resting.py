@@ -29,7 +29,7 @@ def rested(campaign: Campaign, responses: Sequence[Frf], K: Array) -> tuple[Frf,
     return tuple(_rested(campaign, frf, K) for frf in responses)
 
 
-def are_elsewhere(responses: Sequence[Frf], others: Sequence[Frf]) -> float:
+def farthest_apart(responses: Sequence[Frf], others: Sequence[Frf]) -> float:
     """How far apart the postures of two readings of the same records are at most [rad or m]."""
     return max(float(np.abs(one.posture - other.posture).max()) for one, other in zip(responses, others, strict=True))
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ident.arm.evidence import Evidence
 from ident.records.frf import Frf
-from ident.records.resting import are_elsewhere, rested
+from ident.records.resting import farthest_apart, rested
 from ident.search.refits import Bench, State, begun
 
 #: Times that records are read anew, from such a distance [rad or m] on, and by how much chi^2 must fall for that.
@@ -24,7 +24,7 @@ def begun_at_rest(
     bench, start = begun(bench)
     for _ in range(PLACES):
         there = rested(bench.campaign, responses, start.problem.parameters(start.minimum.vector).K)
-        if are_elsewhere(responses, there) <= SAGGED:
+        if farthest_apart(responses, there) <= SAGGED:
             responses = tuple(replace(told, posture=frf.posture) for told, frf in zip(there, responses, strict=True))
             break
         others, other = bench_of(there)
