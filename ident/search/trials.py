@@ -141,7 +141,7 @@ def hasty(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> It
 
 def resting(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
     """The names that promise most of what is left, where that is little or one is known that leaves nothing, hastily refitted: less of it
-    where dry friction acts."""
+    where dry friction acts, or where the best of them does."""
     names, left = catalogue(lin, state.effects, bench.workers), beyond_noise(state, lin)
     rubs = {
         (effect.port, effect.joint) for effect in state.effects if effect.dry and reduced_chi2(bench, state) > NAMED
@@ -149,7 +149,13 @@ def resting(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
     here = [c for c in names if (c.effect.port, c.effect.joint) in rubs and c.gain > BESIDE * left]
     likely = [c for c in names[:FINALISTS] if c.gain > MOST * left]
     likely += [c for c in here[:FINALISTS] if c not in likely]
-    return refitted(bench, state, [(c, lin) for c in likely])
+    tried = refitted(bench, state, [(c, lin) for c in likely])
+    best = min(tried, key=left_by, default=None)
+    if best is None or left_by(best) >= state.select:
+        return tried
+    place = best.candidate.effect.port, best.candidate.effect.joint
+    kin = [c for c in names if (c.effect.port, c.effect.joint) == place and c not in likely and c.gain > BESIDE * left]
+    return tried + refitted(bench, state, [(c, lin) for c in kin])
 
 
 def _explaining(bench: Bench, tried: Sequence[Tried]) -> Effect | None:

@@ -59,6 +59,7 @@ from ident.search.trials import (
     likely_names,
     outshines,
     polished,
+    resting,
 )
 from ident.search.tried import again, by_few_lines, refitted
 
@@ -212,6 +213,30 @@ def test_what_promises_much_less_than_what_leaves_nothing_is_not_tried(
     monkeypatch.setattr(ident.search.tried, "all_fitted", lambda bench, refits: (one(e, levels[e])[1] for e in refits))
     found = refitted(BENCH, one(DRY, there)[1], short)  # type: ignore[arg-type]
     assert [candidate.effect for candidate, _ in found] == names[: last + 1]
+
+
+@pytest.mark.parametrize(("leads", "expected"), [(1.5, [DRY, LinkViscous(1, (0.1,))]), (9.0, [DRY])])
+def test_of_a_little_that_is_left_all_names_are_tried_at_the_place_of_the_best_that_does_some(
+    leads: float, expected: list[Effect], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What they promise where dry friction acts is not what they do, if only it is something."""
+    promised = {
+        DRY: 700.0,
+        WAVE: 200.0,
+        MotorCoulomb(1, (0.1,)): 150.0,
+        LinkViscous(1, (0.1,)): 90.0,
+        LinkCoulomb(0, (0.1,)): 90.0,
+        LoadDependentFriction(1, (0.1,)): 4.0,
+    }
+    names = [SimpleNamespace(effect=e, gain=gain) for e, gain in promised.items()]
+    monkeypatch.setattr(ident.search.trials, "catalogue", lambda lin, effects, workers: names)
+    monkeypatch.setattr(ident.search.trials, "beyond_noise", lambda state, lin: 1000.0)
+    monkeypatch.setattr(
+        ident.search.trials, "refitted", lambda bench, state, short: [one(c.effect, leads) for c, _ in short]
+    )
+    bench: Any = SimpleNamespace(**vars(BENCH), workers=1)
+    found = resting(bench, one(HARD, 2.0)[1], SimpleNamespace())  # type: ignore[arg-type]
+    assert [candidate.effect for candidate, _ in found] == expected
 
 
 def test_of_many_candidates_the_two_that_few_lines_leave_least_to_are_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
