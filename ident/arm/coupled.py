@@ -16,7 +16,8 @@ from ident.arm.arm_fit import UNSEEN_INFORMATION, Problem, hold, residual, scale
 from ident.arm.arm_model import DRIVES, Parameters
 from ident.arm.descent import Minimum, minimise
 from ident.arm.evidence import Evidence, evidence, gravity_basis, scenes_of
-from ident.arm.parts import degrees
+from ident.arm.lone_lines import lone_lines
+from ident.arm.parts import degrees, thinned
 from ident.arm.sliding import TURNS
 from ident.effects.base import Effect
 from ident.errors import IdentError
@@ -26,6 +27,7 @@ from ident.joint.solve import RANK_TOLERANCE
 from ident.joint.start import START_DAMPING
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import Complex, Frf
+from ident.records.left_out import without_lines
 from ident.records.quantisation import HIDDEN_STEPS
 from ident.records.resting import THERE, farthest_apart, rested
 from symgen.plan import Model
@@ -103,14 +105,14 @@ def fit_coupled(
 
     Starts from `start`, else from the datasheet (two-mass fits where it is silent), CAD and a damping of 1 %; if that
     leads nowhere, from softer springs and from the drives of two-mass fits. All of this on few lines a record; all lines
-    then have the last word. Joints that neither moved nor were driven in a record are taken as clamped there. Raises
+    then have the last word, but for those that stand alone (`lone_lines`). Joints that neither moved nor were driven in a record are taken as clamped there. Raises
     IdentError for no records, for a record without usable lines and for too few lines in all.
     """
     if not responses:
         raise IdentError("no records to fit; expected at least one")
     basis = gravity_basis(model, campaign.gravity)
     data = evidence_of(campaign, model, basis, responses)
-    rough = tuple(map(_thinned, data))
+    rough = tuple(thinned(one, FEW_LINES) for one in data)
     best: tuple[Problem, Minimum] | None = None
     for guess in _starts(campaign, model, responses, basis, start):
         problem = replace(problem_of(campaign, model, basis, rough, guess), workers=workers)
@@ -134,6 +136,8 @@ def fit_coupled(
             break
         problem, found, responses = moved, other, there
     fit = _result(campaign, model, responses, problem, found)
+    if not fit.explained and (tones := lone_lines(problem, found.vector)).size:
+        return fit_coupled(campaign, model, [without_lines(frf, tones) for frf in responses], start, workers)
     if fit.explained or fit.chi2_per_dof > SWINGS:
         return fit
     swung = replace(problem, data=evidence_of(campaign, model, basis, responses, every=True), turns=TURNS)
@@ -157,19 +161,6 @@ def _approach(problem: Problem, vector: Array) -> Minimum:
     widths = np.repeat(WIDTHS, [2 * n, 2 * n, len(vector) - 4 * n])
     data = 2 * sum(one.scene.theta.size for one in problem.data)
     return minimise(replace(problem, expected=(vector, SHARE * data / widths**2)), vector, APPROACH, outer=0)
-
-
-def _thinned(one: Evidence) -> Evidence:
-    """The record at about `FEW_LINES` of its lines; as it is where terms of second order act, which need them all."""
-    every = len(one.sampling.f) // FEW_LINES
-    if every < 2 or one.scene.slopes is not None:
-        return one
-    scene = one.scene
-    few = replace(scene, lines=scene.lines[::every], tau=scene.tau[::every], theta=scene.theta[::every])
-    return replace(
-        one, is_excited=one.is_excited[::every], scene=few, sampling=replace(one.sampling, f=one.sampling.f[::every]),
-        noise=replace(one.noise, samples=one.noise.samples[:, ::every], floor=one.noise.floor[::every]),
-    )  # fmt: skip
 
 
 def problem_of(

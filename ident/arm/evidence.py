@@ -15,6 +15,7 @@ from ident.arm.whitening import Noise
 from ident.errors import IdentError
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import ROUNDING, Frf, noise_dof
+from ident.records.left_out import silenced
 from symgen.plan import Model
 
 #: Step [rad or m] of the fourth-order differences that give dJ/dq: error h^4 / 30 and rounding 1e-16 / h.
@@ -95,7 +96,7 @@ def evidence(campaign: Campaign, model: Model, basis: Array, frf: Frf, index: in
         N=campaign.N,
         beyond=(band.beyond[0], band.beyond[1][:, live], band.beyond[2][:, live]),
         slopes=_slopes(campaign, model, basis, live, frf.posture) if lines == "every" else None,
-        kept=record.theta[-frf.periods * record.samples_per_period :] if lines == "every" else None,
+        kept=silenced(record, frf) if lines == "every" else None,
         chain=model.chain,
         gravity=campaign.gravity,
     )

@@ -140,6 +140,19 @@ def few_lines(one: Evidence, most: int) -> Evidence:
     return lines_of(one, few)
 
 
+def thinned(one: Evidence, most: int) -> Evidence:
+    """The record at about `most` of its lines; as it is where terms of second order act, which need them all."""
+    every = len(one.sampling.f) // most
+    if every < 2 or one.scene.slopes is not None:
+        return one
+    scene = one.scene
+    few = replace(scene, lines=scene.lines[::every], tau=scene.tau[::every], theta=scene.theta[::every])
+    return replace(
+        one, is_excited=one.is_excited[::every], scene=few, sampling=replace(one.sampling, f=one.sampling.f[::every]),
+        noise=replace(one.noise, samples=one.noise.samples[:, ::every], floor=one.noise.floor[::every]),
+    )  # fmt: skip
+
+
 def few_records(part: Sequence[Evidence], most: int) -> tuple[Evidence, ...]:
     """About `most` of some records, of every joint's the same share: in a campaign joints may take turns."""
     by_joint = sorted(part, key=lambda one: one.excited)

@@ -28,6 +28,7 @@ from ident.records.campaign import Array, Campaign, Record
 from ident.records.doubtful import doubts, joint_medians
 from ident.records.faults import Fault, refuse
 from ident.records.frf import Complex, Frf, estimate
+from ident.records.left_out import left_out
 from ident.records.resting import elsewhere, statuses
 from symgen.plan import Model, model_of_urdf
 
@@ -175,7 +176,11 @@ def identify(
     with _timed(seconds, "misfit"):
         measurements = _measurements(campaign, model, method, responses, readings, arm, J_cad)
     flags += _doubts(campaign, arm, arm.J / J_cad, index)
-    found = elsewhere(campaign, responses) + _notes(model, responses, readings, arm, physical)
+    found = (
+        left_out(campaign, responses)
+        + elsewhere(campaign, responses)
+        + _notes(model, responses, readings, arm, physical)
+    )
     agree = all(drive.agrees for drive in arm.drives) and arm.alpha.agrees
     return Identification(
         campaign=campaign,

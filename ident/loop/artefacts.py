@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm.arm_fit import Held, Problem, hold, residual, whitened_by
+from ident.arm.arm_fit import chi_squared_of_lines, hold
 from ident.arm.evidence import Evidence
 from ident.loop.diagnose import Diagnosis
 from ident.records.campaign import Array
@@ -49,7 +49,7 @@ def artefacts(d: Diagnosis, bands: Sequence[Band]) -> tuple[Artefact, ...]:
         largest = float(size[one.is_excited].mean())
         for even in (False, True):
             lines = ~one.is_excited & (one.scene.lines % 2 == (0 if even else 1))
-            left = [_chi2(problem, vector, o, held) for o in (one, _without(one, lines, k))]
+            left = [chi_squared_of_lines(problem, vector, o, held) for o in (one, _without(one, lines, k))]
             for band in bands:
                 use = lines & band.has(one.sampling.f)
                 if 2 * int(use.sum()) >= LEAST and size[use].mean() > (CLEAR * one.scene.noise[0, k]) ** 2:
@@ -67,9 +67,3 @@ def _without(one: Evidence, lines: NDArray[np.bool_], k: int) -> Evidence:
     tau = one.scene.tau.copy()
     tau[lines, k] = 0.0
     return replace(one, scene=replace(one.scene, tau=tau))
-
-
-def _chi2(problem: Problem, vector: Array, one: Evidence, held: Held) -> Array:
-    """chi^2 [L] of a record at its lines."""
-    r = residual(problem, vector, one, held.moved)[0]
-    return np.asarray(2.0 * np.sum(np.abs(whitened_by(held.W, r)) ** 2, axis=1))

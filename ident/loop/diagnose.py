@@ -34,7 +34,7 @@ from ident.search.added import (
     was_named,
 )
 from ident.search.apart import apart
-from ident.search.beginnings import begun_at_rest
+from ident.search.beginnings import begun_without_tones
 from ident.search.changes import told_of
 from ident.search.choice import Tried
 from ident.search.contradicted import Off, contradicted, merged
@@ -306,7 +306,7 @@ def begin(
         guess = declared_start(campaign, model, responses, basis)
         return data, Bench(campaign, model, basis, split(data, model), guess, workers, until=until, say=say)
 
-    responses, data, bench, start = begun_at_rest(responses, bench_of)
+    responses, data, bench, start = begun_without_tones(responses, bench_of)
     if not bench.split.note and is_uneven(bench, start):
         bench, start = _by_lines(bench, data)
     return Begun(responses, data, bench, start)

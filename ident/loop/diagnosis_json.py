@@ -31,6 +31,7 @@ from ident.loop.unexplained import unexplained
 from ident.plain import plain, replace_file
 from ident.records.campaign import Array, Campaign
 from ident.records.inputs import told
+from ident.records.left_out import left_out
 from ident.records.resting import elsewhere, statuses
 from ident.search.added import Added
 from ident.search.changes import not_closer, told_of
@@ -101,6 +102,7 @@ def verdict_document(
             *remarks_on(d.after.noise_per_joint),
             *remarks_on_links(links),
             *not_closer(d.split, d.end),
+            *left_out(d.campaign, d.responses),
             *elsewhere(d.campaign, d.responses),
             *statuses(d.campaign.joints, d.responses),
         ],
