@@ -38,7 +38,7 @@ from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=4, fs=500.0))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=3, fs=500.0))
 FINE = replace(SHORT, experiment=replace(SHORT.experiment, fs=1000.0))
 #: Laws so steep at standstill that they are drawn to the noise by finer samples only.
 STEEP = ("root-damper", "falling-friction")

@@ -47,7 +47,7 @@ def of_friction() -> LogDiagnosis:
     return diagnose_log(log(friction))
 
 
-QUICK = ("motor-coulomb", "torque-scale", "cable-stiffness", "input-delay")
+QUICK = ("motor-coulomb", "torque-scale", "input-delay")
 
 
 @pytest.mark.parametrize("off", [0.0, pytest.param(0.1, marks=bench)])
@@ -103,7 +103,7 @@ def test_friction_of_every_joint_is_found_though_each_alone_explains_little() ->
 
 
 def test_what_has_no_name_is_drawn_as_a_curve_of_what_it_follows() -> None:
-    d = diagnose_log(log(lambda m: 0.15 * m.typical[4] * np.cos(4.0 * m.q), 2, runs=6, seed=4, fs=FS))
+    d = diagnose_log(log(lambda m: 0.15 * m.typical[4] * np.cos(4.0 * m.q), 2, runs=6, seed=4))
     (step,) = d.found.steps
     assert (step.term.name, step.term.joint, step.term.variable) == ("unknown", 2, "position")
     assert d.found.errors[1] < 0.1 * d.found.errors[0]
