@@ -285,7 +285,9 @@ def test_the_amplification_stated_is_that_of_simulated_errors(name: str, rotor: 
         assert design.amplification_p999[i] >= design.amplification[i] - 1e-9
 
 
-@pytest.mark.parametrize("name", [*(pytest.param(name, marks=pytest.mark.bench) for name in ("paper", "ypp3_general")), "2R 1", "scara4"])
+@pytest.mark.parametrize(
+    "name", [*(pytest.param(name, marks=pytest.mark.bench) for name in ("paper", "ypp3_general")), "2R 1", "scara4"]
+)
 def test_the_certificate_is_below_what_is_true(name: str) -> None:
     """A better design, found by brute force, bounds the true efficiency from above; the certificate must be below it."""
     rows = rows_of(name)

@@ -153,7 +153,17 @@ def test_friction_that_gives_before_it_slides_is_drawn_to_the_noise() -> None:
     assert with_closer_stops(own, found) is found  # nothing is left
 
 
-@pytest.mark.parametrize(("kind", "size"), [(kind, 0.01 if kind[0] == PRESLIDING else 0.5) for kind in LOOPS])
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [
+        pytest.param(
+            kind,
+            0.01 if kind[0] == PRESLIDING else 0.5,
+            marks=() if kind[1] in ("motor", "sensor") else pytest.mark.bench,
+        )
+        for kind in LOOPS
+    ],
+)
 def test_play_is_seen_where_it_is(kind: tuple[str, str], size: float) -> None:
     """To first order: of a residual that is one stop's, at a threshold between those that are tried."""
     _, lin = declared()
