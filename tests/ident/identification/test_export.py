@@ -250,7 +250,7 @@ def test_a_robot_directory_lends_what_no_record_tells(tmp_path: Path) -> None:
 
 def test_one_record_leaves_the_other_drives_as_declared_and_says_so(tmp_path: Path) -> None:
     robot = load_robot(ROBOTS / "ypp3")
-    quick = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=4))
+    quick = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=3))
     campaign = simulate(chain_of_robot(robot), quick, [("joint3", (0.0, 0.0, 0.0))], lock="rigid", seed=1, workers=1)
     found = identify(campaign, believe_zeros=True)
     write_identified(found, tmp_path)
@@ -270,7 +270,7 @@ def test_one_record_leaves_the_other_drives_as_declared_and_says_so(tmp_path: Pa
 def test_a_spring_that_no_record_shows_is_as_declared(tmp_path: Path) -> None:
     """K of 3e10 +- 3e12 was written, with which MuJoCo's first step is no number."""
     robot = load_robot(ROBOTS / "ypp3")
-    quick = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=4))
+    quick = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=3))
     campaign = simulate(chain_of_robot(robot), quick, [("joint3", (0.0, 0.0, 0.0))], lock="rigid", seed=1, workers=1)
     found = identify(campaign, believe_zeros=True)
     assert found.coupled is not None
@@ -287,7 +287,7 @@ def test_a_spring_that_no_record_shows_is_as_declared(tmp_path: Path) -> None:
 def test_every_number_of_a_drive_is_the_methods_own() -> None:
     """Held by its motors, the arm is more than two masses: their fit, shown beside the method's own, is far off."""
     robot = load_robot(ROBOTS / "ypp3")
-    quick = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=4))
+    quick = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=3))
     campaign = simulate(chain_of_robot(robot), quick, [("joint3", (0.0, 0.0, 0.0))], seed=1, workers=1)
     found = identify(campaign, method="modal", believe_zeros=True)
     (drive,) = found.drives

@@ -103,7 +103,7 @@ def test_friction_of_every_joint_is_found_though_each_alone_explains_little() ->
 
 
 def test_what_has_no_name_is_drawn_as_a_curve_of_what_it_follows() -> None:
-    d = diagnose_log(log(lambda m: 0.15 * m.typical[4] * np.cos(4.0 * m.q), 2, runs=6, seed=4))
+    d = diagnose_log(log(lambda m: 0.15 * m.typical[4] * np.cos(4.0 * m.q), 2, runs=6, seed=4, fs=FS))
     (step,) = d.found.steps
     assert (step.term.name, step.term.joint, step.term.variable) == ("unknown", 2, "position")
     assert d.found.errors[1] < 0.1 * d.found.errors[0]

@@ -195,7 +195,7 @@ def test_all_angles_in_degrees_are_named_joint_by_joint() -> None:
 
 
 @both
-@pytest.mark.parametrize("factor", [0.4, 1.015, 2.5, -1.0])
+@pytest.mark.parametrize("factor", [1.015, 2.5, -1.0, pytest.param(0.4, marks=pytest.mark.bench)])
 def test_a_gear_ratio(name: str, wrong: bool, factor: float) -> None:
     campaign = clean(name, wrong=wrong)
     for joint, j in some(campaign.joints).items():
