@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symgen.chain import PARAMETERS, REVOLUTE, Array, Chain, readonly
-from symgen.geometry import at_right_angles, polynomials
+from symgen.geometry import Units, at_right_angles, polynomials
 from symgen.inertia import DIGIT_DEGREE, Entry, Maps, derive, length_scale, parameter_scale
 from symgen.kinematics import energy_row, twists
 from symgen.span import Growing, compressed, coordinates, nested, reached
@@ -115,12 +115,12 @@ def _unit(chain: Chain, entry: Entry, monomial: int) -> str:
     return UNITS[power]
 
 
-def _content(chain: Chain, entry: Entry, rows: list[int], free: NDArray[np.bool_]) -> list[int]:
+def _content(units: Units, chain: Chain, entry: Entry, rows: list[int], free: NDArray[np.bool_]) -> list[int]:
     """The whole number that divides each coefficient whatever the lengths: 2 for 2 m_3 l_2 r_3 (so alpha_21 = m_3 l_2 r_3)."""
     inertias = np.where(free, entry.A[rows], 0.0).reshape(len(rows), chain.n, 10)[..., 4:]  # do not depend on lengths
     if not (np.abs(inertias - np.round(inertias)).max(axis=(1, 2)) < 1e-6).any():
         return [1] * len(rows)
-    table = polynomials(chain, entry, rows, [UNITS.index(_unit(chain, entry, row)) for row in rows])
+    table = polynomials(units, entry, rows, [UNITS.index(_unit(chain, entry, row)) for row in rows])
     coefficients = table[:, free].reshape(len(rows), -1)
     whole = np.round(coefficients).astype(np.int64)
     exact = np.abs(coefficients - whole).max(axis=1) < 1e-6
@@ -239,7 +239,7 @@ def _constants(
 
     `tables` [M, 10 n]: what of the entries' rows lies within the spans.
     """
-    exact, free = at_right_angles(chain), scale > 0
+    exact, free, units = at_right_angles(chain), scale > 0, Units(chain)
     unscale = np.where(free, parameter_scale(chain), 0.0)
     growing = Growing(10 * chain.n)
     found: list[Alpha] = []
@@ -250,7 +250,7 @@ def _constants(
         added = dict(growing.complete(table * scale, order, span, exact=exact))
         rows = sorted(added, key=lambda row: tuple(_ORDER[entry.digits[row][::-1]]), reverse=True)
         plain = [row for row in rows if added[row] is None]
-        content = dict(zip(plain, _content(chain, entry, plain, free), strict=True))
+        content = dict(zip(plain, _content(units, chain, entry, plain, free), strict=True))
         for row in rows:
             part, whole = added[row], content.get(row, 1)
             coefficient = table[row] / whole if part is None else part * unscale

@@ -20,7 +20,7 @@ import numpy as np
 
 from symgen.basis import UNITS, Factoring
 from symgen.chain import Array, Chain
-from symgen.geometry import Length, at_right_angles, lengths, polynomials
+from symgen.geometry import Length, Units, at_right_angles, lengths, polynomials
 from symgen.kinematics import MOMENTS
 
 _AXES = "xyz"
@@ -105,13 +105,13 @@ def named_lengths(chain: Chain) -> dict[Symbol, Length]:
 
 def alpha_formulas(factoring: Factoring) -> list[Formula]:
     """Returns the formula of each of the D constants, in the order of `factoring.alphas`."""
-    symbols = list(named_lengths(factoring.chain))
+    symbols, units = list(named_lengths(factoring.chain)), Units(factoring.chain)
     formulas: dict[str, Formula] = {}
     for pair, members in groupby(factoring.alphas, key=lambda alpha: (alpha.i, alpha.j)):
         alphas = list(members)
         if at_right_angles(factoring.chain):
             powers = [UNITS.index(alpha.unit) for alpha in alphas]
-            tables = polynomials(factoring.chain, factoring.entries[pair], [alpha.monomial for alpha in alphas], powers)
+            tables = polynomials(units, factoring.entries[pair], [alpha.monomial for alpha in alphas], powers)
             tables = np.round(tables)
         else:
             tables = np.zeros((len(alphas), factoring.free.size, 1, 1))

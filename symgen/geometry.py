@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symgen.chain import Array, Chain
-from symgen.inertia import Entry, derive, length_scale
+from symgen.inertia import Entry, Maps, derive, length_scale
 from symgen.kinematics import MOMENTS
 
 #: Offsets below this, relative to the arm's size, are rounding of zero (composed fixed transforms).
@@ -51,22 +51,29 @@ def at_right_angles(chain: Chain) -> bool:
     return all(exact) and all(np.isin(joint.axis, (-1.0, 0.0, 1.0)).all() for joint in chain.joints)
 
 
-def polynomials(chain: Chain, entry: Entry, monomials: Sequence[int], powers: Sequence[int]) -> Array:
+class Units:
+    """The `lengths` of an arm, and that arm without any, then with each of them alone, 1 m long: their maps serve all entries."""
+
+    def __init__(self, chain: Chain) -> None:
+        self.lengths = lengths(chain)
+        self.maps = [Maps(_with_unit_length(chain, length)) for length in (None, *self.lengths)]
+
+
+def polynomials(units: Units, entry: Entry, monomials: Sequence[int], powers: Sequence[int]) -> Array:
     """Returns the coefficients of some monomials of J_ij as polynomials in the L lengths: [A, 10 n, 1 + L, 1 + L].
 
     `monomials` [A] are rows of `entry`, `powers` [A] the power of m in their unit (2 for kg m2). Of the last two indices
     0 means no length, k length k - 1 of `lengths`, in ascending order. From lengths 0 and 1 at a time come L and m r; a
     mass on the origin of the next link is a point mass of this one, which gives m.
     """
-    named = lengths(chain)
-    degree = np.add.outer(np.asarray(powers), np.tile([0, *[-1] * 3, *[-2] * 6], chain.n))
-    table = np.zeros((len(monomials), 10 * chain.n, 1 + len(named), 1 + len(named)))
-    for a, length in enumerate([None, *named]):
+    named, n = units.lengths, units.maps[0].chain.n
+    degree = np.add.outer(np.asarray(powers), np.tile([0, *[-1] * 3, *[-2] * 6], n))
+    table = np.zeros((len(monomials), 10 * n, 1 + len(named), 1 + len(named)))
+    for a, (length, maps) in enumerate(zip([None, *named], units.maps, strict=True)):
         if length is None or length.link > entry.i:  # links before joint i do not move with it
-            rows = _rows(_with_unit_length(chain, length), entry, monomials)
-            table[..., 0, a] = np.where(degree == min(a, 1), rows, 0.0)
+            table[..., 0, a] = np.where(degree == min(a, 1), _rows(maps, entry, monomials), 0.0)
     square = degree[:, 0] == 2
-    for k in range(entry.j, chain.n - 1):
+    for k in range(entry.j, n - 1):
         table[square, 10 * k + 10] = (table[:, 10 * k] + _point_mass(table, named, k))[square]
     return table
 
@@ -94,10 +101,10 @@ def _with_unit_length(chain: Chain, length: Length | None) -> Chain:
     return replace(chain, joints=tuple(joints))
 
 
-def _rows(chain: Chain, entry: Entry, monomials: Sequence[int]) -> Array:
+def _rows(maps: Maps, entry: Entry, monomials: Sequence[int]) -> Array:
     """The coefficients [A, 10 n] of the same monomials for another arm; zero for one that vanishes there."""
     wanted: NDArray[np.int8] = entry.digits[list(monomials)]
-    other = derive(chain, entry.i, entry.j, wanted)
+    other = derive(maps.chain, entry.i, entry.j, wanted, maps)
     where = {digits.tobytes(): row for digits, row in zip(other.digits, other.A, strict=True)}
-    nothing = np.zeros(10 * chain.n)
+    nothing = np.zeros(10 * maps.chain.n)
     return np.array([where.get(digits.tobytes(), nothing) for digits in wanted])

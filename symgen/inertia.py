@@ -218,9 +218,12 @@ def _signs(chain: Chain, run: list[int]) -> list[int]:
 
 def angles(chain: Chain, first: int) -> tuple[Angle, ...]:
     """Returns the angle of each joint from `first` on: itself, or the cumulative angle in its run of parallel axes."""
+    return _angles([(run, _signs(chain, run)) for run in _runs(chain, first)])
+
+
+def _angles(runs: list[tuple[list[int], list[int]]]) -> tuple[Angle, ...]:
     out: list[Angle] = []
-    for run in _runs(chain, first):
-        signs = _signs(chain, run)
+    for run, signs in runs:
         out += [tuple(zip(run[: k + 1], signs[: k + 1], strict=True)) for k in range(len(run))]
     return tuple(out)
 
@@ -231,6 +234,13 @@ class Maps:
     def __init__(self, chain: Chain):
         self.chain = chain
         self._made: dict[tuple[type[_Body | _Twist], str, int, int], list[Array]] = {}
+        self._runs: dict[int, list[tuple[list[int], list[int]]]] = {}
+
+    def runs(self, first: int) -> list[tuple[list[int], list[int]]]:
+        """The joints first.. in runs of parallel axes, and the signs of those."""
+        if first not in self._runs:
+            self._runs[first] = [(run, _signs(self.chain, run)) for run in _runs(self.chain, first)]
+        return self._runs[first]
 
     def placed(self, kind: type[_Body | _Twist], k: int, shifted: bool) -> Array:
         """The fixed placement of joint k: a turn, and before it a shift if `shifted`."""
@@ -329,8 +339,8 @@ def _derive(maps: Maps, i: int, j: int, wanted: NDArray[np.int8] | None, most_de
     walk = _Walk(row, floor, None if wanted is None else wanted @ base5, most_degree)
     if i == j:
         parts.append((i, walk.keys, walk.rows))
-    for run in _runs(chain, first):
-        for k, sign in zip(run, _signs(chain, run), strict=True):
+    for run, signs in maps.runs(first):
+        for k, sign in zip(run, signs, strict=True):
             joint, position = chain.joints[k], k - first
             kind: type[_Body | _Twist] = _Body if k > j else _Twist
             walk.constant(maps.placed(kind, k, k == run[0]))
@@ -345,11 +355,11 @@ def _derive(maps: Maps, i: int, j: int, wanted: NDArray[np.int8] | None, most_de
                 walk.step(maps.swung(kind, k, sign), position, True)
             if k >= j:
                 parts.append((k, here.keys, here.rows))
-    return _collect(chain, i, j, parts, base5, most_degree is None)
+    return _collect(maps, i, j, parts, base5, most_degree is None)
 
 
 def _collect(
-    chain: Chain,
+    maps: Maps,
     i: int,
     j: int,
     parts: list[tuple[int, NDArray[np.int64], Array]],
@@ -357,13 +367,14 @@ def _collect(
     complete: bool,
 ) -> Entry:
     """Puts the rows of all bodies into one table over the monomials that occur."""
+    chain = maps.chain
     keys = np.unique(np.concatenate([part[1] for part in parts]))
     A = np.zeros((len(keys), 10 * chain.n))
     for k, part_keys, rows in parts:
         A[np.searchsorted(keys, part_keys), 10 * k : 10 * k + 10] += rows
     digits = ((keys[:, None] // base5) % 5).astype(np.int8)
     turning = tuple(joint.type == REVOLUTE for joint in chain.joints[i + 1 :])
-    return Entry(i, j, angles(chain, i + 1), turning, digits, A, complete)
+    return Entry(i, j, _angles(maps.runs(i + 1)), turning, digits, A, complete)
 
 
 def monomials(entry: Entry, q: Array) -> Array:

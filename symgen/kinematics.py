@@ -22,12 +22,20 @@ def motion(chain: Chain, k: int) -> Array:
     return np.concatenate([joint.axis, zero] if joint.type == REVOLUTE else [zero, joint.axis])
 
 
+def cross(one: Array, other: Array) -> Array:
+    """Returns the cross products of vectors [.., 3]: `np.cross` moves axes about, which takes longer than the products."""
+    out = np.empty(np.broadcast_shapes(one.shape, other.shape))
+    for x, y, z in CYCLES:
+        out[..., x] = one[..., y] * other[..., z] - one[..., z] * other[..., y]
+    return out
+
+
 def energy_row(v: Array, w: Array) -> Array:
     """Returns the row [.., 10] with v' M w = row . phi for twists v, w [.., 6] of one body (omega, u at its frame's origin)."""
     v_omega, v_u, w_omega, w_u = v[..., :3], v[..., 3:], w[..., :3], w[..., 3:]
     row = np.zeros((*np.broadcast_shapes(v.shape, w.shape)[:-1], 10))
     row[..., 0] = (v_u * w_u).sum(axis=-1)
-    row[..., 1:4] = np.cross(v_u, w_omega) + np.cross(w_u, v_omega)
+    row[..., 1:4] = cross(v_u, w_omega) + cross(w_u, v_omega)
     for column, (x, y) in enumerate(MOMENTS):
         row[..., 4 + column] = v_omega[..., x] * w_omega[..., y]
         if x != y:
@@ -41,7 +49,7 @@ def twists(chain: Chain, q: Array) -> list[Array]:
     carried = np.zeros((len(q), 0, 6))
     for k, (R, p) in enumerate(placements(chain, q)):
         omega, u = carried[..., :3], carried[..., 3:]
-        u = u + np.cross(omega, p[:, None, :])
+        u = u + cross(omega, p[:, None, :])
         moved = np.concatenate([omega @ R, u @ R], axis=-1)
         own = np.broadcast_to(motion(chain, k), (len(q), 1, 6))
         carried = np.concatenate([moved, own], axis=1)
@@ -59,7 +67,7 @@ def gravity_rows(chain: Chain, q: Array, gravity: Array) -> Array:
     for k, ((R, _), moving) in enumerate(zip(placements(chain, q), twists(chain, q), strict=True)):
         g = np.einsum("mba,mb->ma", R, g)
         out[:, : k + 1, 10 * k] = -np.einsum("mja,ma->mj", moving[..., 3:], g)
-        out[:, : k + 1, 10 * k + 1 : 10 * k + 4] = -np.cross(g[:, None, :], moving[..., :3])  # -(omega x h) . g
+        out[:, : k + 1, 10 * k + 1 : 10 * k + 4] = -cross(g[:, None, :], moving[..., :3])  # -(omega x h) . g
     return out
 
 
@@ -101,15 +109,13 @@ def momentum_rows(twist: Array) -> Array:
 def _carried(twist: Array, R: Array, p: Array) -> Array:
     """A twist [m, 6] of one body in the frame `R`, `p` of the next."""
     omega, u = twist[:, :3], twist[:, 3:]
-    return np.concatenate([np.einsum("mab,ma->mb", R, x) for x in (omega, u + np.cross(omega, p))], axis=1)
+    return np.concatenate([np.einsum("mab,ma->mb", R, x) for x in (omega, u + cross(omega, p))], axis=1)
 
 
 def _across(one: Array, other: Array) -> Array:
     """The cross product of two twists [m, 6]."""
     omega, u = one[:, :3], one[:, 3:]
-    return np.concatenate(
-        [np.cross(omega, other[:, :3]), np.cross(omega, other[:, 3:]) + np.cross(u, other[:, :3])], axis=1
-    )
+    return np.concatenate([cross(omega, other[:, :3]), cross(omega, other[:, 3:]) + cross(u, other[:, :3])], axis=1)
 
 
 def _turning(twist: Array, momentum: Array) -> Array:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import gc
 import os
-from dataclasses import replace
+import pickle
+from dataclasses import astuple, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import symgen.plan
-from symgen.plan import Plan, plan_of_robot
+from symgen.chain import Chain
+from symgen.plan import Model, Plan, make_model, plan_of_robot
 from symgen.robot import Robot
 
 
@@ -21,7 +24,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure() -> None:
-    """Robots that differ in nothing that a plan knows of are planned once, whoever asks: it knows no experiment, and no springs."""
+    """An arm has one model, whoever asks, and robots that differ in nothing that a plan knows of are planned once: it knows no
+    experiment, and no springs."""
     gc.disable()  # until all is loaded
     planned: dict[str, Plan] = {}
 
@@ -33,7 +37,15 @@ def pytest_configure() -> None:
             planned[key] = plan_of_robot(robot)
         return planned[key]
 
-    symgen.plan.plan_of_robot = once
+    models: dict[bytes, Model] = {}
+
+    def one_model(chain: Chain, *, believe_zeros: bool = False, entries: Any = None) -> Model:
+        key = pickle.dumps((astuple(chain), believe_zeros))
+        if key not in models:
+            models[key] = make_model(chain, believe_zeros=believe_zeros, entries=entries)
+        return models[key]
+
+    symgen.plan.plan_of_robot, symgen.plan.make_model = once, one_model
 
 
 def pytest_collection_finish() -> None:

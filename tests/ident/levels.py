@@ -44,7 +44,7 @@ def recorded(
 ) -> tuple[Problem, Array]:
     """One record of an arm with effects, as it is to be fitted, and its true parameters."""
     effects, (declared, chain, model) = (effect, *besides), arm(robot)
-    declared = replace(declared, experiment=replace(declared.experiment, f0=f0, fs=fs, periods=5))
+    declared = replace(declared, experiment=replace(declared.experiment, f0=f0, fs=fs, periods=3))
     (job,) = design(chain, declared, [(joint, posture)], seed=seed, effects=effects)
     campaign = head(chain, declared, (run(job),))
     basis = gravity_basis(model, campaign.gravity)

@@ -14,7 +14,7 @@ from ident.records.campaign import Campaign
 from ident.simulator.bench import simulate
 from symgen.plan import Model, chain_of_robot, make_model
 
-_EXPERIMENT = "sample_rate_Hz = 250\nline_spacing_Hz = 0.5\nband_Hz = [0.5, 60]\nperiods = 3\nswing_rad = {swing}\ntorque_noise_rel = {noise}"
+_EXPERIMENT = "sample_rate_Hz = 250\nline_spacing_Hz = 1.0\nband_Hz = [1.0, 60]\nperiods = 3\nswing_rad = {swing}\ntorque_noise_rel = {noise}"
 _SOFT = {"K_Nm_per_rad": 25.0, "N": 20.0, "J_m_kgm2": 1e-4, "D_spring_Nms_per_rad": 0.1}
 _CELLS = [("j2", 0.2), ("j2", 0.9), ("j1", 0.5), ("j2", -0.7), ("j1", -1.2), ("j1", 1.2), ("j2", 1.3), ("j2", -1.2)]
 

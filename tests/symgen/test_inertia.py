@@ -19,7 +19,7 @@ from symgen.kinematics import inertia_matrix, torque_rows
 #: Both sides add up at most some hundred numbers no larger than the largest entry of J, in another order.
 ROUNDING = 1e-12
 
-LAW = settings(derandomize=True, deadline=None, max_examples=50)
+LAW = settings(derandomize=True, deadline=None, max_examples=25)
 
 
 def by_monomials(chain: Chain, q: np.ndarray) -> np.ndarray:

@@ -190,7 +190,7 @@ def test_a_reversed_gear_gives_the_same_arm(model: Model, noisy: Campaign) -> No
         np.testing.assert_allclose(getattr(turned, name), getattr(found, name), rtol=1e-6)
 
 
-@pytest.mark.parametrize("draws", [12, pytest.param(60, marks=pytest.mark.bench)])
+@pytest.mark.parametrize("draws", [8, *(pytest.param(draws, marks=pytest.mark.bench) for draws in (12, 60))])
 def test_noise_gives_honest_deviations(model: Model, draws: int) -> None:
     """chi^2 within its limit, errors of alpha in units of their standard deviations like a normal variable's."""
     z, explained = [], []
@@ -301,7 +301,7 @@ def test_held_by_motors_that_give(name: str, believe: bool) -> None:
     """
     robot = load_robot(ROBOTS / name)
     chain = chain_of_robot(robot)
-    quick = replace(robot, experiment=replace(robot.experiment, f0=0.5, periods=4))
+    quick = replace(robot, experiment=replace(robot.experiment, f0=0.5, periods=3))
     cells = [("joint1", [0.0, 0.0, 0.0]), ("joint1", [0.2, 1.3, 0.3]), ("joint3", [-0.5, -0.3, 1.4]),
              ("joint1", [0.4, 0.0, -1.5]), ("joint2", [1.0, 0.1, 2.0])]  # fmt: skip
     data = simulate(chain, quick, cells, lock="dob", seed=4, workers=1)

@@ -29,7 +29,7 @@ def problem() -> tuple[Problem, Array]:
     """Records of a spring that hardens and creeps; the drive of the joint, and both effects, are to be fitted. The true parameters."""
     robot = load_robot(Path(__file__).parents[3] / "robots/ypp3")
     chain = chain_of_robot(robot)
-    short = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=4))
+    short = replace(robot, experiment=replace(robot.experiment, f0=1.0, periods=3))
     cells = [("joint2", q) for q in ([0.0, 0.4, 0.8], [0.0, 1.57, 0.0])]
     bench = bench_of(simulate(chain, short, cells, effects=[HARD, SLOW], workers=1), chain)
     effects, sizes = (HARD, SLOW), (1e7, 290.0, 0.087)

@@ -25,7 +25,7 @@ from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=4, fs=500.0))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=3, fs=500.0))
 #: A twentieth of the excitation's torque, at a contact that creeps 2.5 times as slowly as expected.
 JOINT, LEVEL, DECADES = 1, 0.01, -0.4
 

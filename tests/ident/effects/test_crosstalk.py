@@ -27,7 +27,7 @@ from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=4, fs=500.0))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=3, fs=500.0))
 JOINT, OTHER, SHARE = 1, 2, 0.03
 CELLS = (("joint2", (0.0, 0.6, 0.9)), ("joint3", (0.0, -0.4, 1.8)))
 

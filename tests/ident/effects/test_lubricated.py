@@ -26,7 +26,7 @@ from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=4, fs=1000.0))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=3, fs=1000.0))
 JOINT, RESTS = 1, (-1.1, 0.31)
 #: Level and peak [N m], distance [rad], speed [rad/s], time [s].
 LEVEL, PEAK, DISTANCE, SPEED, TIME = VALUES = (6e-3, 3e-3, 0.05, 2.0, 1e-3)

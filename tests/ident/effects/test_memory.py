@@ -29,7 +29,7 @@ from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=4, fs=1000.0))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=3, fs=1000.0))
 JOINT, RESTS = 1, (-1.1, 0.31)
 THRESHOLDS = (0.05, 0.3, 0.9, 0.1, 1.0)
 
@@ -153,7 +153,17 @@ def test_friction_that_gives_before_it_slides_is_drawn_to_the_noise() -> None:
     assert with_closer_stops(own, found) is found  # nothing is left
 
 
-@pytest.mark.parametrize(("kind", "size"), [(kind, 0.01 if kind[0] == PRESLIDING else 0.5) for kind in LOOPS])
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [
+        pytest.param(
+            kind,
+            0.01 if kind[0] == PRESLIDING else 0.5,
+            marks=() if kind[1] in ("motor", "sensor") else pytest.mark.bench,
+        )
+        for kind in LOOPS
+    ],
+)
 def test_play_is_seen_where_it_is(kind: tuple[str, str], size: float) -> None:
     """To first order: of a residual that is one stop's, at a threshold between those that are tried."""
     _, lin = declared()

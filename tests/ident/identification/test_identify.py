@@ -23,7 +23,7 @@ POS1, POS2, POS3 = (0.0, 0.0, 0.0), (0.0, 0.0, -np.pi / 2), (0.0, np.pi / 2, 0.0
 @pytest.fixture(scope="module")
 def campaign() -> Campaign:
     robot = load_robot(ROBOT)
-    quick = replace(robot, experiment=replace(robot.experiment, f0=2.0, periods=4))
+    quick = replace(robot, experiment=replace(robot.experiment, f0=2.0, periods=3))
     cells = [("joint3", POS1), ("joint2", POS1), ("joint2", POS2), ("joint1", POS1), ("joint1", POS2), ("joint1", POS3)]
     return simulate(chain_of_robot(robot), quick, cells, lock="rigid", seed=5, workers=1)
 

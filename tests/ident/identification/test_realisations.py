@@ -22,7 +22,7 @@ from symgen.urdf import load_chain
 
 ROBOT = replace(
     load_robot(Path(__file__).parents[3] / "robots" / "ypp3"),
-    experiment=Experiment(f0=1.0, band=(1.0, 120.0), periods=4, swing=0.002),
+    experiment=Experiment(f0=1.0, band=(1.0, 120.0), periods=3, swing=0.002),
 )
 YPP = load_chain(ROBOT.urdf)
 CELLS = [("joint3", [0.0, 0.4, 0.1]), ("joint2", [0.2, 0.5, -0.9])]

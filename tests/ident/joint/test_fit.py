@@ -85,7 +85,7 @@ def test_three_point_rule_says_when_there_is_no_pair():
     assert "no anti-resonance" in three_point(rigid, N).status[0]
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(100, marks=pytest.mark.bench)])
+@pytest.mark.parametrize("count", [40, pytest.param(100, marks=pytest.mark.bench)])
 def test_random_plants_converge_to_the_optimum_with_honest_deviations(count):
     rng = np.random.default_rng(2024)
     truth = plants(count, rng)

@@ -47,7 +47,7 @@ def of_friction() -> LogDiagnosis:
     return diagnose_log(log(friction))
 
 
-QUICK = ("motor-coulomb", "torque-scale", "cable-stiffness", "input-delay")
+QUICK = ("motor-coulomb", "torque-scale", "input-delay")
 
 
 @pytest.mark.parametrize("off", [0.0, pytest.param(0.1, marks=bench)])

@@ -23,7 +23,7 @@ from symgen.plan import Model, chain_of_robot, make_model, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3, fs=500.0))
 #: For those that a stand-in diagnoses.
 BRIEF = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=3, fs=500.0))
 #: The delay put in [s].

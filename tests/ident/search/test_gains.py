@@ -31,7 +31,7 @@ from symgen.plan import chain_of_robot, plan_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=1.0, periods=3, fs=500.0))
 JOINT, KNOTS = 1, [1.0, 3.0, 10.0, 30.0]
 LOOP, LAG, DELAY = OUTSIDE["current-loop"], CATALOGUE["torque-lag"], CATALOGUE["input-delay"]
 

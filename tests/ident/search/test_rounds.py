@@ -41,7 +41,7 @@ RINGS, SCALE = "attached-resonator", "torque-scale"
 def begun_with(*texts: str, f0: float = 2.0, seed: int = 11) -> Begun:
     """Short records of an arm with these effects."""
     short, chain = replace(SHORT, experiment=replace(SHORT.experiment, f0=f0)), chain_of_robot(SHORT)
-    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(short).cells]
+    cells = [(cell.joint, np.array(cell.q)) for cell in plan_of_robot(short).cells if not cell.spare]
     drives = [short.drive(name) for name in chain.names]
     campaign = simulate(chain, short, cells, effects=[parse(text, drives) for text in texts], workers=1, seed=seed)
     responses = tuple(estimate(record, campaign) for record in campaign.records)

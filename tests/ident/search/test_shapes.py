@@ -26,7 +26,7 @@ from symgen.robot import load_robot
 
 ROBOTS = Path(__file__).parents[3] / "robots"
 ROBOT = load_robot(ROBOTS / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, fs=500.0))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, fs=500.0, periods=3))
 #: The last link bends: stiffness, share, damping, about the joint's axis.
 LAST = LinkFlexibility(2, (6642.0, 0.48, 1.48e-3, 0.0))
 

@@ -18,7 +18,7 @@ from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import Robot, load_robot
 
 YPP3 = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-ROBOT = replace(YPP3, experiment=replace(YPP3.experiment, f0=1.0, periods=3))
+ROBOT = replace(YPP3, experiment=replace(YPP3.experiment, f0=1.0, periods=3, fs=500.0))
 #: Half as long, and as fine.
 BRIEF = replace(YPP3, experiment=replace(YPP3.experiment, f0=2.0, periods=3, fs=500.0))
 CHAIN = chain_of_robot(ROBOT)

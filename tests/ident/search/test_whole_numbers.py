@@ -33,7 +33,7 @@ from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, fs=500.0))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, fs=500.0, periods=4))
 JOINT, ORDER, AMPLITUDE, SCALE = 1, 3.0, 6e-6, -0.03
 #: Of another wave at the same joint.
 SECOND = 11.0

@@ -21,7 +21,7 @@ ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
 YPP = load_chain(ROBOT.urdf)
 JUDGE = pin.buildModelFromUrdf(str(ROBOT.urdf))
 POSTURE = np.array([0.2, 0.5, -0.9])
-SHORT = Experiment(f0=0.5, band=(0.5, 120.0), periods=5, swing=0.002)
+SHORT = Experiment(f0=0.5, band=(0.5, 120.0), periods=3, swing=0.002)
 TINY = replace(SHORT, swing=1e-4)  # Coriolis terms grow with the square of the swing: here they are below 1e-6
 
 
@@ -185,7 +185,7 @@ def test_the_seed_decides_and_the_number_of_workers_does_not() -> None:
 
 
 def test_records_hold_what_a_controller_sees() -> None:
-    campaign = simulate(YPP, robot(), CELLS, workers=1)
+    campaign = simulate(YPP, robot(replace(SHORT, periods=5)), CELLS, workers=1)
     assert [record.id for record in campaign.records] == ["0001", "0002"]
     for record, (name, q) in zip(campaign.records, CELLS, strict=True):
         i = YPP.names.index(name)
