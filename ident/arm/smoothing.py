@@ -59,25 +59,32 @@ def smoothed(
     """Returns the motion of a record in which the forces of `effects` are those of this very motion; `start` one near to it.
 
     `sampling` and noise `powers` are those of the record. Dry friction takes up to `turns`: few are enough to compare by; it is
-    looked for from where it was found last, `slid`.
+    looked for from where it was found last, `slid`, and from anywhere if that led away: forces that load each other may do so by more
+    than they were.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a law that is far too strong
-        return _smoothed(scene, p, effects, start, sampling, powers, turns, dict(slid or {}))
+        found, left, led_away = _smoothed(scene, p, effects, start, sampling, powers, turns, dict(slid or {}))
+        if led_away and slid:
+            anew, less, _ = _smoothed(scene, p, effects, start, sampling, powers, turns, {})
+            found = anew if less < left else found
+        return found
 
 
 def _smoothed(
     scene: Scene, p: Parameters, effects: Sequence[Effect], start: Moved, sampling: Sampling, powers: Powers, turns: int,
     slid: dict[Key, Slid],
-) -> Moved:  # fmt: skip
+) -> tuple[Moved, float, bool]:  # fmt: skip
+    """The motion that leaves least, chi^2 that it leaves, and whether forces at several ports led away from it."""
     if any(effect.dry for effect in effects):
         scene = replace(scene, oversampled=STOPS * scene.oversampled)
     arm = LikelyMotion.of(scene, p, effects, start.second, sampling, powers)
     on = {key: Force.of(arm.scene, x) for key, x in signals(arm.scene, effects, start.motion).items()}
-    best, least = on, arm.misfit(on)
+    best, least, kept = on, arm.misfit(on), dict(slid)
     laws = {key: _laws(effects, key[0], int(scene.arm.live[key[1]])) for key in on}
     on = on | {key: _as_last(arm, key, slid[key]) for key in slid.keys() & on.keys() if laws[key][0]}
     rubbing, springy = ([key for key, at in laws.items() if at[kind]] for kind in (0, 1))
     at_once = all(_at_once(effects, port, int(scene.arm.live[k])) for port, k in on) and len(on) <= 1
+    hopeless = False
     mixture, vain, most = Mixture(), 0, MOST_SWEEPS if not at_once and turns >= TURNS else SWEEPS
     marches = SWEEPS if rubbing else 1  # a march is of the motion under the friction found until then
     for sweep in range(most):
@@ -85,8 +92,8 @@ def _smoothed(
         misfit = arm.misfit(on)
         vain = 0 if misfit < least else vain + 1
         hopeless = not misfit < AWAY * least or vain == IN_VAIN
-        if misfit < HARDLY_MORE * least:
-            best, least = on, min(misfit, least)
+        if misfit < HARDLY_MORE * least:  # later sweeps may lead away, and any from what they found
+            best, least, kept = on, min(misfit, least), dict(slid)
         agree = all(now.near(on[key], SAME) for key, now in before.items())
         agree = agree or (bool(rubbing) and (at_once or arm.changed(before, on) < MOVED))
         if start.second is not None:  # told by a motion under forces that followed from what was measured
@@ -98,13 +105,15 @@ def _smoothed(
             break
         on = mixture.leads(before, on) if most > SWEEPS else on
     motion = arm.moving(best)
-    return replace(
+    moved = replace(
         start, motion=motion, second=None if start.second is None else arm.second[arm.inside],
         found={key: force.lines[arm.inside] for key, force in best.items()},
         base=signals(arm.scene, effects, motion),
         springy={(port, k): motion.at(port, int(scene.arm.live[k]))[0] for port, k in springy},
-        rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing}, slid=slid,
+        rubbing={(port, k): motion.at(port, int(scene.arm.live[k]))[1] for port, k in rubbing},
+        slid=kept if len(on) > 1 else slid,
     )  # fmt: skip
+    return moved, least, hopeless and len(on) > 1
 
 
 #: At a port: laws that are dry, or drag beside these, and else others that are no impedances.

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 import ident.arm.smoothing
 from ident.arm.acting import _aside
-from ident.arm.arm_fit import hold, slides
+from ident.arm.arm_fit import chi_squared, hold, slides
 from ident.arm.arm_model import Posture
 from ident.arm.likely_motion import Force, Forces
 from ident.arm.scene import Scene
@@ -169,6 +169,33 @@ def test_play_beside_what_rubs_is_met_where_sweeps_alone_lead_away() -> None:
     left = sorted(levels(play, "joint2", (0.0, 1.2, -0.4), rubs, seed=seed)[1] for seed in range(4, 10))
     assert left[2] < 1.0
     assert left[-1] < 1.4
+
+
+def test_forces_from_which_sweeps_lead_away_are_kept_as_they_left_least(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a spring that hardens and of another joint's motor that sticks: what later sweeps made was kept, and a motion found before
+    was never found again."""
+    swept = ident.arm.smoothing._swept
+
+    def led_away(arm: Any, effects: Any, laws: Any, on: Forces, slid: dict[Any, Any], *how: Any) -> Forces:
+        again = bool(slid)
+        on = swept(arm, effects, laws, on, slid, *how)
+        if not again:
+            return on
+        slid.update({key: (10.0 * v, 10.0 * F) for key, (v, F) in slid.items()})
+        return {key: Force(10.0 * force.lines, force.mean) for key, force in on.items()}
+
+    problem, vector = recorded(
+        SpringHardening(0, (2.5e10,)), "joint1", (0.0, 0.4, 0.8), MotorCoulomb(2, (2e-3,)), f0=2.0, fs=500.0
+    )
+    problem = replace(problem, turns=TURNS // 4)
+    monkeypatch.setattr(ident.arm.smoothing, "_swept", led_away)
+    left = []
+    for _ in range(3):
+        held = hold(problem, vector)
+        left.append(chi_squared(problem, vector, held))
+        problem = replace(problem, slid=slides(problem, held))
+    assert problem.slid
+    assert left[1:] == pytest.approx(left[:1] * 2, rel=1e-6)
 
 
 def test_ports_that_answer_each_other_by_more_than_it_was_settle_by_mixing() -> None:

@@ -80,6 +80,7 @@ def test_what_is_unexplained_is_said_with_joint_port_band_and_parity(file):
     assert sentence(late).endswith("motor of joint2, 3-10 Hz, odd lines, when the search was ended for time.")
     page = html(d, v)
     assert "What stays unexplained" in page and page.count("<svg") == 1
+    assert "σ is of noise alone" in page
     assert "ident next" in " ".join(todo(v))
 
 
@@ -133,7 +134,7 @@ def test_nothing_found_is_said_plainly(file):
     d = replace(unexplained(), departures=(), status="explained")
     v = verdict_document(d, [file])
     assert sentence(v) == "Nothing is missing: the declared model explains every record within its noise."
-    assert "What stays unexplained" not in words(d, v)
+    assert "What stays unexplained" not in words(d, v) and "σ is of noise alone" not in words(d, v)
 
 
 def test_an_effect_that_leaves_more_than_noise_is_not_said_to_explain_the_records(file):
