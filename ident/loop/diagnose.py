@@ -386,7 +386,7 @@ def _loop(
             break  # lines of every record tell more
         state, added = apart(bench, state, added)
         state, added = exchanged(bench, state, added)
-        state, added = drawn_on(bench, *pruned(bench, state, added))
+        state, added = drawn_on(bench, *pruned(bench, state, added, more))
         for curve in [e for e in state.effects[:-1] if isinstance(e, Learned) and not was_named(e)]:
             state, added = renamed(bench, state, curve, added)
         missing = missing if state is tried_from else ()

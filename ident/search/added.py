@@ -114,11 +114,13 @@ def left_without(bench: Bench, state: State, old: Effect) -> State:
     return less if state.select < AHEAD * less.select else without(bench, state, old)
 
 
-def pruned(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
-    """The model without those earlier effects that the last one of `added` has made superfluous."""
+def pruned(bench: Bench, state: State, added: list[Added], together: Sequence[Added] = ()) -> tuple[State, list[Added]]:
+    """The model without those earlier effects that the last one of `added` has made superfluous, but for those found `together` with it."""
     added = _of_model(state, added)
     last = added[-1].effect
     for old in state.effects[:-1]:
+        if any(same(old, one.effect) for one in together):
+            continue
         by_curve = isinstance(last, Learned) and old.name != "unknown"
         if by_curve and not outdone(old, added):
             continue  # a curve can play any law of its variable: it takes no name away

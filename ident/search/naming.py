@@ -3,8 +3,6 @@ the place of a curve."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.optimize import nnls
 
@@ -20,7 +18,7 @@ from ident.search.from_declared import LIKELY
 from ident.search.minima import LEAST_GAIN, fully, told
 from ident.search.refits import CLOSE, NAMED, Bench, State, beyond_noise, but_last, fitted, reduced_chi2, same, standing
 from ident.search.trials import HARDLY
-from ident.search.tried import refitted, with_candidate
+from ident.search.tried import refitted, with_candidates
 
 #: Times what a law leaves that a plainer one leaves in haste that is not it; `CLOSE` times, fitted finely.
 HOPELESS = 10.0
@@ -28,9 +26,9 @@ HOPELESS = 10.0
 NEXT, ANOTHER = 2.0, 0.02
 
 
-def plainer(bench: Bench, one: Tried) -> Tried:
+def plainer(bench: Bench, one: Tried, hopeless: float = HOPELESS) -> Tried:
     """A force that was fitted, or one of fewer parameters at its place that does as much: nobody tries that where the other is far
-    ahead of all that promised most."""
+    ahead of all that promised most. None that leaves `hopeless` times as much in haste."""
     effect = one.state.effects[-1]
     if not has_forces(effect) or effect.numbers < 2:
         return one
@@ -40,7 +38,7 @@ def plainer(bench: Bench, one: Tried) -> Tried:
     least = LIKELY * min([beyond_noise(plain, lin), *own])
     likely = [c for c in names if c.effect.numbers < effect.numbers and c.gain > least]
     tried = refitted(bench, plain, [(c, lin) for c in likely])
-    near = [other for other in tried if not HOPELESS * left_by(one) < left_by(other)]
+    near = [other for other in tried if not hopeless * left_by(one) < left_by(other)]
     near = [other.refitted(finer(bench, other.state)) for other in near]  # minima take long
     near = [other for other in near if not CLOSE * left_by(one) < left_by(other)]
     return plainest(bench, [one, *(other.refitted(fully(bench, other.state)) for other in near)])
@@ -80,11 +78,7 @@ def named_by_load(bench: Bench, state: State) -> State | None:
     names = [LinkCoulomb(joint, (float(size),)), LoadDependentFriction(joint, (float(share),))]
     if any(same(name, e) for name in names for e in plain.effects):
         return None
-    one, other = (with_candidate(plain, Candidate(name, 0.0, name.values), lin) for name in names)
-    both = replace(
-        one, vector=np.append(one.vector, other.vector[-1]), effects=(*one.effects, other.effects[-1]),
-        scales=(*one.scales, other.scales[-1]), limits=(*one.limits, other.limits[-1]),
-    )  # fmt: skip
+    both = with_candidates(plain, [Candidate(name, 0.0, name.values) for name in names], lin)
     new = fully(bench, fitted(bench, both))
     bench.say(f"  instead of {told(curve)}, {' and '.join(map(told, names))}: {reduced_chi2(bench, new):.4g}")
     most = max(LEAST_GAIN, ALIKE * (state.select - degrees(bench.split.select)))

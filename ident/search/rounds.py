@@ -12,6 +12,7 @@ from ident.effects.base import Effect, Law
 from ident.effects.learned import Learned
 from ident.search.added import HARDLY_MORE, Added, left_without
 from ident.search.alike import names_alike
+from ident.search.candidates import Candidate
 from ident.search.changes import since, told_of
 from ident.search.choice import (
     AHEAD,
@@ -30,6 +31,7 @@ from ident.search.choice import (
 )
 from ident.search.contradicted import is_shapeless
 from ident.search.departures import errors
+from ident.search.finer import finer
 from ident.search.gains import named_gains, resolved
 from ident.search.minima import LEAST_GAIN, fully, told
 from ident.search.naming import named_by_load, of_any_order, plainer
@@ -44,12 +46,17 @@ from ident.search.refits import (
     Bench,
     Refit,
     State,
+    but_last,
     fitted,
     linearised,
     reduced_chi2,
+    reordered,
     same,
+    standing,
+    with_last,
     without,
 )
+from ident.search.several_joints import at_several_joints, instead_of
 from ident.search.slips import with_closer_stops
 from ident.search.trace import Linearised, port_shares
 from ident.search.trials import (
@@ -94,7 +101,12 @@ def another(
         if little or any(reduced_chi2(bench, new) <= NAMED for _, new in tried):
             further = [resting(bench, state, lin)]
         else:
-            likely, lead = leading_to_one_more(bench, state, likely_names(bench, state, lin))
+            likely = likely_names(bench, state, lin)
+            several = None if bends else at_several_joints(bench, state, likely)
+            step = None if several is None else _each_in_turn(bench, state, several)
+            if step is not None and step[1]:
+                return step
+            likely, lead = leading_to_one_more(bench, state, likely)
             two = None if lead is None else _with_second(bench, state, *lead, likely, lin)
             if two is not None:
                 return two
@@ -157,6 +169,30 @@ def _with_second(
     return None
 
 
+def _each_in_turn(bench: Bench, state: State, found: State) -> tuple[State, list[Added]]:
+    """The model `found` with effects more than `state`, each once more beside all others, as if it were found last: what does as much may be in
+    its place, and none is kept that earns nothing there."""
+    added: list[Added] = []
+    for effect in found.effects[len(state.effects) :]:
+        k = next(k for k, e in enumerate(found.effects) if same(e, effect))
+        found = reordered(bench, found, with_last(found, k))
+        less = left_without(bench, found, found.effects[-1])
+        if not earned(bench, less, found):
+            found = less
+            continue
+        plain, lin = standing(bench, found, but_last(found))
+        own = Tried(Candidate(found.effects[-1], 0.0, found.scales[-len(effect.values) :]), found)
+        others = [] if bench.late else refitted(bench, plain, instead_of(bench, plain, lin, own.candidate))
+        best = own if bench.late else plainer(bench, own, CLOSE)
+        best = plainest(bench, [best, *others])
+        if any(best is one for one in others):
+            best = plainest(bench, [own, best.refitted(finer(bench, best.state))])
+        found = best.state
+        gain = less.select - found.select
+        added.append(_entry(bench, less, found, gain, [own, *others], lin, found.effects[-1], coarsely=True))
+    return found, added
+
+
 def _entered(
     bench: Bench, state: State, best: Tried | None, tried: Sequence[Tried], lin: Linearised
 ) -> tuple[State, Added] | None:
@@ -181,9 +217,11 @@ def _entered(
 
 
 def _entry(
-    bench: Bench, state: State, new: State, gain: float, tried: Sequence[Tried], lin: Linearised, effect: Effect
-) -> Added:
-    """The entry of an `effect` that makes of a model the `new` one, its rivals those that were `tried` beside it."""
+    bench: Bench, state: State, new: State, gain: float, tried: Sequence[Tried], lin: Linearised, effect: Effect,
+    coarsely: bool = False,
+) -> Added:  # fmt: skip
+    """The entry of an `effect` that makes of a model the `new` one, its rivals those that were `tried` beside it; errors told `coarsely`, or as
+    closely as any."""
     dof, last = degrees(bench.split.select), new.effects[-1]
     key = last.name, last.joint, last.port
     others = [pair for pair in tried if pair.candidate.key != key and np.isfinite(pair.state.select)]
@@ -194,8 +232,8 @@ def _entry(
     return Added(
         effect=effect,
         std=(),
-        before=errors(bench, state, report).all,
-        after=errors(bench, new, report).all,
+        before=_error(bench, state) if coarsely else errors(bench, state, report).all,
+        after=_error(bench, new) if coarsely else errors(bench, new, report).all,
         gain=gain,
         excess=max(state.select - dof, 1.0),
         rivals=tuple((other.effects[-1], error) for other, error in zip(order[:RIVALS], left_by, strict=True) if error < np.inf),

@@ -77,7 +77,7 @@ def again(bench: Bench, state: State, earlier: Sequence[State]) -> list[Tried]:
         key = effect.name, effect.joint, order_of(effect)
         if not taken and key not in refits:
             found = np.concatenate([arm, state.minimum.vector[base:]])
-            refits[key] = candidate, _with(state, found, candidate, other.limits[own:])
+            refits[key] = candidate, _with(state, found, [candidate], other.limits[own:])
     candidates, models = [c for c, _ in refits.values()], all_fitted(bench, [refit for _, refit in refits.values()])
     tried = list(map(Tried, candidates, models))
     for _, new in tried:
@@ -92,15 +92,25 @@ def _rub_alike(a: Effect, b: Effect) -> bool:
 
 def with_candidate(state: State, candidate: Candidate, lin: Linearised) -> Refit:
     """The model with a candidate, to be refitted hastily."""
-    unit = units(lin, type(candidate.effect), candidate.effect.joint)
-    limits = tuple(bounds(p, u) for p, u in zip(candidate.effect.parameters, unit, strict=True))
-    return _with(state, lin.vector, candidate, limits)
+    return with_candidates(state, [candidate], lin)
 
 
-def _with(state: State, vector: Array, candidate: Candidate, limits: tuple[tuple[float, float], ...]) -> Refit:
-    """The model with a candidate, to be refitted hastily from this `vector` of all that it has already."""
-    effects = (*state.effects, candidate.effect)
+def with_candidates(state: State, candidates: Sequence[Candidate], lin: Linearised) -> Refit:
+    """The model with some candidates at once, to be refitted hastily."""
+    unit = [units(lin, type(one.effect), one.effect.joint) for one in candidates]
+    every = zip(candidates, unit, strict=True)
+    limits = tuple(bounds(p, u) for one, own in every for p, u in zip(one.effect.parameters, own, strict=True))
+    return _with(state, lin.vector, candidates, limits)
+
+
+def _with(
+    state: State, vector: Array, candidates: Sequence[Candidate], limits: tuple[tuple[float, float], ...]
+) -> Refit:
+    """The model with candidates, to be refitted hastily from this `vector` of all that it has already."""
+    new = [one.effect for one in candidates]
+    scales = tuple(scale for one in candidates for scale in one.scales)
     return Refit(
-        np.concatenate([vector, candidate.effect.values]), effects, state.scales + candidate.scales, state.limits + limits,
-        WOUND if winding(state.effects) or winds_up(candidate.effect) else 1, HASTILY, slid=state.minimum.slid,
+        np.concatenate([vector, *(effect.values for effect in new)]), (*state.effects, *new), state.scales + scales,
+        state.limits + limits, WOUND if winding(state.effects) or any(map(winds_up, new)) else 1, HASTILY,
+        slid=state.minimum.slid,
     )  # fmt: skip

@@ -1,0 +1,98 @@
+"""Names of several joints at once. Drives of one make have the same friction, the same ripple, the same springs in every joint, and what acts at
+one hides what acts at another: each alone leaves nearly all there is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from ident.arm.parts import degrees
+from ident.effects.base import only_shares
+from ident.search.candidates import Candidate, best_of, catalogue, nearer
+from ident.search.choice import DOUBT, TIE, Tried, best_names, left_by
+from ident.search.from_declared import LIKELY
+from ident.search.minima import told
+from ident.search.refits import (
+    CLOSE,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    as_declared,
+    beyond_noise,
+    fitted,
+    linearised,
+    reduced_chi2,
+    same,
+)
+from ident.search.trace import Linearised
+from ident.search.tried import with_candidates
+
+#: Share of what there was that a name leaves at most which does some of it; of what the best one leaves, that those of several joints leave
+#: at most which are more than that.
+SOME, FEWER = 0.95, 0.3
+#: Kinds that are tried at all joints; names that are tried in the place of one, at most.
+KINDS, RIVALS = 2, 2
+
+
+def at_several_joints(bench: Bench, state: State, tried: Sequence[Tried]) -> State | None:
+    """The model with names of several joints that leave far less than any one that was `tried` beyond `state`, finely fitted: the best name of each
+    joint where one does some, or one kind at all joints. None where one name leaves little, or they leave much more."""
+    names = [one for one in best_names(tried) if _of_a_joint(one) and left_by(one) < SOME * state.select]
+    least = min(map(left_by, tried), default=0.0)
+    if (
+        least <= CLOSE * degrees(bench.split.select)
+        or len({one.candidate.effect.joint for one in names}) < 2
+        or bench.late
+    ):
+        return None
+    lin = linearised(state.problem, as_declared(bench, state))
+    models = list(all_fitted(bench, [with_candidates(state, some, lin) for some in _likely(bench, state, lin, names)]))
+    for new in models:
+        bench.say(
+            f"  at once, {' and '.join(map(told, new.effects[len(state.effects) :]))}: {reduced_chi2(bench, new):.4g}"
+        )
+    limit = min(new.select for new in models) + TIE + DOUBT * degrees(bench.split.select)
+    best = min((new for new in models if new.select <= limit), key=lambda new: len(new.scales))
+    if best.select > FEWER * least:
+        return None
+    finely = fitted(bench, Refit.of(best))
+    return finely if finely.select < best.select else best
+
+
+def _of_a_joint(one: Tried) -> bool:
+    return one.candidate.effect.joint is not None and not only_shares(one.candidate.effect)
+
+
+def _likely(bench: Bench, state: State, lin: Linearised, names: Sequence[Tried]) -> Iterator[list[Candidate]]:
+    """The best name of each joint, and the kinds of names of more than one joint at all joints that they promise something at; each as large as
+    it was found."""
+    found = {one.candidate.key: replace(one.candidate, effect=one.state.effects[-1]) for one in names}
+    by_joint: dict[int | None, Candidate] = {}
+    for one in found.values():
+        by_joint.setdefault(one.effect.joint, one)
+    choices = [list(by_joint.values())]
+    kinds = [type(one.effect) for one in found.values()]
+    for kind in [kind for k, kind in enumerate(kinds) if kinds.index(kind) == k and kinds.count(kind) > 1][:KINDS]:
+        everywhere = []
+        for joint in range(bench.model.chain.n):
+            known = [one for one in found.values() if type(one.effect) is kind and one.effect.joint == joint]
+            new = known[0] if known else best_of(lin, kind, joint)
+            if new is not None and new.gain > 0.0 and all(not same(new.effect, e) for e in state.effects):
+                everywhere.append(new if known else nearer(lin, new))
+        choices.append(everywhere)
+    told_of: set[frozenset[tuple[str, int | None, str]]] = set()
+    for some in choices:
+        which = frozenset(one.key for one in some)
+        if which not in told_of:
+            yield some
+        told_of.add(which)
+
+
+def instead_of(bench: Bench, state: State, lin: Linearised, one: Candidate) -> list[tuple[Candidate, Linearised]]:
+    """The names elsewhere, or of more numbers, that promise to do beyond `state`, linearised in `lin`, most of what one name does there."""
+    names = catalogue(lin, state.effects, bench.workers)
+    own = [other.gain for other in names if other.key == one.key]  # dry friction promises less than it does
+    least = LIKELY * min([beyond_noise(state, lin), *own])
+    plainer = [c for c in names if c.key[1:] == one.key[1:] and c.effect.numbers < one.effect.numbers]
+    return [(c, lin) for c in names if c.gain > least and c.key != one.key and c not in plainer][:RIVALS]
