@@ -1,0 +1,145 @@
+"""What acts at every joint hides itself: which names are tried together, and which of them are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import ident.search.choice
+import ident.search.rounds
+import ident.search.several_joints
+from ident.effects.base import Effect
+from ident.effects.friction import MotorCoulomb, MotorStribeck
+from ident.effects.spring import SpringHardening
+from ident.search.candidates import Candidate
+from ident.search.choice import Tried
+from ident.search.refits import FINELY, HASTILY, Refit
+from ident.search.rounds import _each_in_turn
+from ident.search.several_joints import at_several_joints, instead_of
+
+DOF = 1000
+COULOMB, STRIBECK, HARD = MotorCoulomb(0, (0.1,)), MotorStribeck(1, (0.1, 0.05, 2.0)), SpringHardening(1, (1e7,))
+BENCH: Any = SimpleNamespace(
+    late=False, workers=1, say=lambda line: None, split=SimpleNamespace(select=()), model=SimpleNamespace(chain=SimpleNamespace(n=3))
+)  # fmt: skip
+
+
+def state(level: float, *effects: Effect, roughly: float = HASTILY) -> Any:
+    scales = tuple(1.0 for e in effects for _ in e.values)
+    return SimpleNamespace(select=level * DOF, effects=effects, roughly=roughly, problem=None, scales=scales)
+
+
+def one(effect: Effect, level: float) -> Tried:
+    return Tried(Candidate(effect, 50.0, tuple(1.0 for _ in effect.values)), state(level, effect))
+
+
+@pytest.fixture(autouse=True)
+def _numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Models that leave what `left` says of their effects' names; a fine fit leaves half of that."""
+    for module in (ident.search.several_joints, ident.search.choice, ident.search.rounds):
+        monkeypatch.setattr(module, "reduced_chi2", lambda bench, state: state.select / DOF, raising=False)
+        monkeypatch.setattr(module, "degrees", lambda data: DOF, raising=False)
+    here = ident.search.several_joints
+    monkeypatch.setattr(here, "as_declared", lambda bench, state: None)
+    monkeypatch.setattr(here, "linearised", lambda problem, vector: None)
+    monkeypatch.setattr(here, "nearer", lambda lin, candidate: candidate)
+    monkeypatch.setattr(here, "with_candidates", lambda state, some, lin: tuple(c.effect for c in some))
+    monkeypatch.setattr(
+        here, "fitted", lambda bench, refit: state(0.5 * refit.select / DOF, *refit.effects, roughly=FINELY)
+    )
+    monkeypatch.setattr(Refit, "of", lambda state: state)
+    kinds = {MotorCoulomb: (0.2,), MotorStribeck: (0.2, 0.1, 3.0)}
+
+    def best_of(lin: Any, kind: type[Effect], joint: int) -> Candidate | None:
+        return Candidate(kind(joint, kinds[kind]), 20.0, (1.0,) * len(kinds[kind])) if kind in kinds else None
+
+    monkeypatch.setattr(here, "best_of", best_of)
+
+
+def leave(monkeypatch: pytest.MonkeyPatch, levels: Sequence[float]) -> list[tuple[Effect, ...]]:
+    asked: list[tuple[Effect, ...]] = []
+
+    def all_fitted(bench: Any, refits: Sequence[tuple[Effect, ...]]) -> list[Any]:
+        asked.extend(refits)
+        return [state(level, *effects) for level, effects in zip(levels, refits, strict=True)]
+
+    monkeypatch.setattr(ident.search.several_joints, "all_fitted", all_fitted)
+    return asked
+
+
+def test_the_best_name_of_each_joint_and_one_kind_at_all_joints_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The joint at which it was not tried is one of all joints. Fewer numbers that do as much are taken."""
+    asked = leave(monkeypatch, [2.0, 1.001, 1.0])
+    tried = [
+        one(COULOMB, 50.0),
+        one(STRIBECK, 60.0),
+        one(MotorCoulomb(1, (0.3,)), 61.0),
+        one(MotorStribeck(0, (0.1, 0.1, 1.0)), 62.0),
+    ]
+    found = at_several_joints(BENCH, state(100.0), tried)
+    assert asked[0] == (COULOMB, STRIBECK)
+    assert asked[1] == (COULOMB, MotorCoulomb(1, (0.3,)), MotorCoulomb(2, (0.2,)))
+    assert asked[2] == (MotorStribeck(0, (0.1, 0.1, 1.0)), STRIBECK, MotorStribeck(2, (0.2, 0.1, 3.0)))
+    assert found is not None and found.effects == asked[1] and found.roughly == FINELY
+
+
+@pytest.mark.parametrize(
+    ("tried", "levels"),
+    [
+        ([one(COULOMB, 50.0), one(HARD, 60.0)], [20.0]),  # they leave more than a share of what one does
+        ([one(COULOMB, 2.0), one(HARD, 60.0)], None),  # one leaves little
+        ([one(COULOMB, 50.0), one(HARD, 97.0)], None),  # the other does hardly anything
+        ([one(COULOMB, 50.0), one(MotorStribeck(0, (0.1, 0.05, 2.0)), 60.0)], None),  # both at one joint
+        ([], None),
+    ],
+)  # fmt: skip
+def test_they_are_not_tried_or_not_taken_where_one_does_it(
+    tried: list[Tried], levels: list[float] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = leave(monkeypatch, levels or [])
+    assert at_several_joints(BENCH, state(100.0), tried) is None
+    assert bool(asked) == (levels is not None)
+
+
+def test_what_promises_most_of_what_one_does_elsewhere_may_be_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for plainer names at the same place, which are tried anyway."""
+    stribeck, coulomb, hard = (Candidate(e, 0.0, ()) for e in (STRIBECK, MotorCoulomb(1, (0.1,)), HARD))
+    gains = {stribeck.key: 900.0, coulomb.key: 890.0, hard.key: 500.0, ("motor-coulomb", 0, "motor"): 300.0}
+    names = [Candidate(c.effect, gains[c.key], ()) for c in (stribeck, coulomb, hard, Candidate(COULOMB, 0.0, ()))]
+    monkeypatch.setattr(ident.search.several_joints, "catalogue", lambda lin, effects, workers: names)
+    monkeypatch.setattr(ident.search.several_joints, "beyond_noise", lambda state, lin: 1000.0)
+    found = instead_of(BENCH, state(2.0), None, stribeck)  # type: ignore[arg-type]
+    assert [c.effect for c, _ in found] == [HARD]
+
+
+def test_each_is_looked_at_beside_the_others_and_none_kept_that_earns_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without Coulomb friction 30 noise powers are left, without the spring's hardening no more than with it; a plainer name is taken."""
+    rounds = ident.search.rounds
+    plain = MotorCoulomb(1, (0.12,))
+    left = {COULOMB: 30.0, STRIBECK: 20.0, plain: 20.0, HARD: 1.0}
+
+    def reordered(bench: Any, found: Any, order: list[int]) -> Any:
+        return state(1.0, *(found.effects[k] for k in order))
+
+    def without(bench: Any, found: Any, old: Effect) -> Any:
+        return state(left[old], *(e for e in found.effects if e != old))
+
+    def plainer(bench: Any, own: Tried, hopeless: float) -> Tried:
+        if own.candidate.effect != STRIBECK:
+            return own
+        return Tried(Candidate(plain, 1.0, (1.0,)), state(1.0, *own.state.effects[:-1], plain))
+
+    monkeypatch.setattr(rounds, "reordered", reordered)
+    monkeypatch.setattr(rounds, "left_without", without)
+    monkeypatch.setattr(rounds, "standing", lambda bench, found, keep: (found, None))
+    monkeypatch.setattr(rounds, "instead_of", lambda *args: [])
+    monkeypatch.setattr(rounds, "refitted", lambda *args: [])
+    monkeypatch.setattr(rounds, "plainer", plainer)
+    monkeypatch.setattr(rounds, "earned", lambda bench, before, after: before.select > 2.0 * after.select)
+    monkeypatch.setattr(rounds, "_entry", lambda b, less, new, gain, tried, lin, effect, coarsely: (effect, gain))
+    found, added = _each_in_turn(BENCH, state(100.0), state(1.0, COULOMB, STRIBECK, HARD))
+    assert set(found.effects) == {COULOMB, plain}
+    assert added == [(COULOMB, 29.0 * DOF), (plain, 19.0 * DOF)]
