@@ -56,7 +56,7 @@ from ident.search.refits import (
     with_last,
     without,
 )
-from ident.search.several_joints import at_several_joints, instead_of
+from ident.search.several_joints import SOME, at_several_joints, instead_of
 from ident.search.slips import with_closer_stops
 from ident.search.trace import Linearised, port_shares
 from ident.search.trials import (
@@ -177,7 +177,8 @@ def _each_in_turn(bench: Bench, state: State, found: State) -> tuple[State, list
         k = next(k for k, e in enumerate(found.effects) if same(e, effect))
         found = reordered(bench, found, with_last(found, k))
         less = left_without(bench, found, found.effects[-1])
-        if not earned(bench, less, found):
+        some = reduced_chi2(bench, found) > CLOSE and found.select < SOME * less.select
+        if not (some or earned(bench, less, found)):
             found = less
             continue
         plain, lin = standing(bench, found, but_last(found))

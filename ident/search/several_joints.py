@@ -30,7 +30,7 @@ from ident.search.tried import with_candidates
 
 #: Share of what there was that a name leaves at most which does some of it; of what the best one leaves, that those of several joints leave
 #: at most which are more than that.
-SOME, FEWER = 0.95, 0.3
+SOME, FEWER = 0.95, 0.6
 #: Kinds that are tried at all joints; names that are tried in the place of one, at most.
 KINDS, RIVALS = 2, 2
 
