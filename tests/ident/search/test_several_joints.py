@@ -89,7 +89,7 @@ def test_the_best_name_of_each_joint_and_one_kind_at_all_joints_are_tried(monkey
 @pytest.mark.parametrize(
     ("tried", "levels"),
     [
-        ([one(COULOMB, 50.0), one(HARD, 60.0)], [20.0]),  # they leave more than a share of what one does
+        ([one(COULOMB, 50.0), one(HARD, 60.0)], [35.0]),  # they leave more than a share of what one does
         ([one(COULOMB, 2.0), one(HARD, 60.0)], None),  # one leaves little
         ([one(COULOMB, 50.0), one(HARD, 97.0)], None),  # the other does hardly anything
         ([one(COULOMB, 50.0), one(MotorStribeck(0, (0.1, 0.05, 2.0)), 60.0)], None),  # both at one joint
