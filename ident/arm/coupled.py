@@ -105,8 +105,9 @@ def fit_coupled(
 
     Starts from `start`, else from the datasheet (two-mass fits where it is silent), CAD and a damping of 1 %; if that
     leads nowhere, from softer springs and from the drives of two-mass fits. All of this on few lines a record; all lines
-    then have the last word, but for those that stand alone (`lone_lines`). Joints that neither moved nor were driven in a record are taken as clamped there. Raises
-    IdentError for no records, for a record without usable lines and for too few lines in all.
+    then have the last word, but for those that stand alone (`lone_lines`). Joints that neither moved nor were driven in a
+    record are taken as clamped there. Raises IdentError for no records, for a record without usable lines and for too few
+    lines in all.
     """
     if not responses:
         raise IdentError("no records to fit; expected at least one")

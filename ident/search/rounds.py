@@ -103,9 +103,8 @@ def another(
         else:
             likely = likely_names(bench, state, lin)
             several = None if bends else at_several_joints(bench, state, likely)
-            step = None if several is None else _each_in_turn(bench, state, several)
-            if step is not None and step[1]:
-                return step
+            if several is not None and (kept := _each_in_turn(bench, state, several)) is not None:
+                return kept
             likely, lead = leading_to_one_more(bench, state, likely)
             two = None if lead is None else _with_second(bench, state, *lead, likely, lin)
             if two is not None:
@@ -169,9 +168,9 @@ def _with_second(
     return None
 
 
-def _each_in_turn(bench: Bench, state: State, found: State) -> tuple[State, list[Added]]:
-    """The model `found` with effects more than `state`, each once more beside all others, as if it were found last: what does as much may be in
-    its place, and none is kept that earns nothing there."""
+def _each_in_turn(bench: Bench, state: State, found: State) -> tuple[State, list[Added]] | None:
+    """The model `found` with effects more than `state`, each once more beside all others, as if it were found last: what does as much may be
+    in its place, and none is kept that earns nothing there. None if none is."""
     added: list[Added] = []
     for effect in found.effects[len(state.effects) :]:
         k = next(k for k, e in enumerate(found.effects) if same(e, effect))
@@ -191,7 +190,7 @@ def _each_in_turn(bench: Bench, state: State, found: State) -> tuple[State, list
         found = best.state
         gain = less.select - found.select
         added.append(_entry(bench, less, found, gain, [own, *others], lin, found.effects[-1], coarsely=True))
-    return found, added
+    return (found, added) if added else None
 
 
 def _entered(
