@@ -35,6 +35,7 @@ from ident.loop.either_model import ENDED
 from ident.loop.growth import growth, nearest
 from ident.loop.held_out import HeldOut, felt, gains, held_out, reconstructed, with_few_lines
 from ident.loop.repeats import unrepeated
+from ident.records.left_out import LEFT_OUT
 from ident.search.deviations import ALONE, BESIDE, SIGMAS
 from ident.search.trace import PORTS
 
@@ -100,7 +101,13 @@ def html(d: Diagnosis, verdict: dict[str, Any]) -> str:
 
 
 def sentence(verdict: dict[str, Any], few: Collection[str] = ()) -> str:
-    """What was found, in one sentence; the errors of joints and bands of `few` lines say nothing."""
+    """What was found, in one sentence, and what is left out, in another; the errors of joints and bands of `few` lines say nothing."""
+    notes = [note.removeprefix(LEFT_OUT) for note in verdict["notes"] if note.startswith(LEFT_OUT)]
+    out = [f" What stands alone at {note.split(' Hz')[0]} Hz is left out." for note in notes]
+    return "".join([_sentence(verdict, few), *out])
+
+
+def _sentence(verdict: dict[str, Any], few: Collection[str]) -> str:
     effects, found = verdict["effects"], _found(verdict)
     alike = not unrepeated(verdict["error"]["noise_per_joint"])
     if verdict["status"] == "explained":

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from ident.records.campaign import Array, Campaign, Record
 from ident.records.frf import Frf
 
+#: How the note on what is left out begins; its frequencies follow, and Hz.
+LEFT_OUT = "Left out, in all records and all errors: "
+
 
 def without_lines(frf: Frf, frequencies: Array) -> Frf:
     """Returns the response without the lines at these `frequencies` [Hz]; those that it has not are ignored."""
@@ -56,7 +59,7 @@ def left_out(campaign: Campaign, responses: Sequence[Frf]) -> list[str]:
         return []
     told = ", ".join(f"{f:.6g}" for f in sorted(found))
     line = (
-        f"Left out, in all records and all errors: {told} Hz. What was read there stands far above the lines beside it in record after record, as "
+        f"{LEFT_OUT}{told} Hz. What was read there stands far above the lines beside it in record after record, as "
         f"a tone of the mains or of a fan does, or a resonance narrower than {campaign.records[0].f0:.3g} Hz"
     )
     return [line]

@@ -134,6 +134,8 @@ def test_nothing_found_is_said_plainly(file):
     d = replace(unexplained(), departures=(), status="explained")
     v = verdict_document(d, [file])
     assert sentence(v) == "Nothing is missing: the declared model explains every record within its noise."
+    v["notes"] = ["Left out, in all records and all errors: 49.5, 150 Hz. What was read there stands far above ..."]
+    assert sentence(v).endswith("within its noise. What stands alone at 49.5, 150 Hz is left out.")
     assert "What stays unexplained" not in words(d, v) and "σ is of noise alone" not in words(d, v)
 
 
