@@ -234,6 +234,16 @@ def larger(one: Candidate, times: float) -> Candidate:
     return replace(one, effect=one.effect.with_values(values))
 
 
+def as_strong(lin: Linearised, one: Candidate, as_: Effect) -> Candidate:
+    """The candidate, a force, as strong as another one of its port was found to be: over the records, by the motions there."""
+    motions = lin.motions[side_of(one.effect.port)]
+    forces = [(one.effect.force(motion), as_.force(motion)) for motion in motions]
+    both = [(own, other) for own, other in forces if own is not None and other is not None]
+    size = sum(float(np.vdot(own, own)) for own, _ in both)
+    along = sum(float(np.vdot(own, other)) for own, other in both)
+    return larger(one, along / size) if along > 0.0 else one
+
+
 def smallest(lin: Linearised, kind: type[Effect], joint: int | None) -> Candidate:
     """An effect of this kind as small as is plausible, whatever it promises."""
     unit = units(lin, kind, joint)

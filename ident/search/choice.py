@@ -95,14 +95,18 @@ def chosen(bench: Bench, tried: Sequence[Tried], before: float) -> Tried | None:
 def plainest(bench: Bench, named: Sequence[Tried], doubt: float = DOUBT) -> Tried:
     """The best of the named candidates; of those that are not told apart from it the one with the fewest parameters. Descents may
     have left a share `doubt` of chi^2."""
-    dof = degrees(bench.split.select)
-    least = min(map(left_by, named))
-    limit = least + TIE + doubt * dof + ALIKE * max(least - dof, 0.0)
+    limit = as_much(bench, min(map(left_by, named)), doubt)
     order = list(CATALOGUE)
     return min(
         (pair for pair in named if left_by(pair) <= limit),
         key=lambda pair: (pair.candidate.effect.numbers, order.index(pair.candidate.effect.name), left_by(pair)),
     )
+
+
+def as_much(bench: Bench, least: float, doubt: float = DOUBT) -> float:
+    """chi^2 on the choosing records that is not told apart from the `least`; descents may have left a share `doubt` of chi^2."""
+    dof = degrees(bench.split.select)
+    return least + TIE + doubt * dof + ALIKE * max(least - dof, 0.0)
 
 
 def rivals(bench: Bench, tried: Sequence[Tried], best: Tried) -> list[Tried]:

@@ -10,7 +10,7 @@ from ident.arm.parts import degrees
 from ident.effects.base import has_forces
 from ident.effects.friction import LinkCoulomb, LoadDependentFriction
 from ident.effects.learned import LearnedLaw
-from ident.search.candidates import Candidate, catalogue
+from ident.search.candidates import Candidate, as_strong, catalogue
 from ident.search.choice import ALIKE, Tried, left_by, plainest
 from ident.search.curves import wave
 from ident.search.finer import finer
@@ -36,7 +36,7 @@ def plainer(bench: Bench, one: Tried, hopeless: float = HOPELESS) -> Tried:
     names = catalogue(lin, plain.effects, bench.workers, at=(effect.port, effect.joint))
     own = [c.gain for c in names if c.effect.name == effect.name]  # dry friction promises less than it does
     least = LIKELY * min([beyond_noise(plain, lin), *own])
-    likely = [c for c in names if c.effect.numbers < effect.numbers and c.gain > least]
+    likely = [as_strong(lin, c, effect) for c in names if c.effect.numbers < effect.numbers and c.gain > least]
     tried = refitted(bench, plain, [(c, lin) for c in likely])
     near = [other for other in tried if not hopeless * left_by(one) < left_by(other)]
     near = [other.refitted(finer(bench, other.state)) for other in near]  # minima take long

@@ -304,6 +304,12 @@ def without(bench: Bench, state: State, old: Effect, roughly: float = FINELY) ->
     return fitted(bench, replace(some(state, keep), roughly=roughly))
 
 
+def without_each(bench: Bench, state: State, effects: Sequence[Effect]) -> list[State]:
+    """The model hastily refitted without each of some of its effects."""
+    keep = [[k for k, e in enumerate(state.effects) if not same(e, old)] for old in effects]
+    return list(all_fitted(bench, [replace(some(state, others), roughly=HASTILY) for others in keep]))
+
+
 def reordered(bench: Bench, state: State, order: Sequence[int]) -> State:
     """The same model, its effects in another order."""
     slots, base = _slots(state), state.problem.base

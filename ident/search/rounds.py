@@ -55,6 +55,7 @@ from ident.search.refits import (
     standing,
     with_last,
     without,
+    without_each,
 )
 from ident.search.several_joints import SOME, at_several_joints, instead_of
 from ident.search.slips import with_closer_stops
@@ -103,7 +104,7 @@ def another(
         else:
             likely = likely_names(bench, state, lin)
             several = None if bends else at_several_joints(bench, state, likely)
-            if several is not None and (kept := _each_in_turn(bench, state, several)) is not None:
+            if several is not None and (kept := _each_in_turn(bench, state, lin, several)) is not None:
                 return kept
             likely, lead = leading_to_one_more(bench, state, likely)
             two = None if lead is None else _with_second(bench, state, *lead, likely, lin)
@@ -168,28 +169,32 @@ def _with_second(
     return None
 
 
-def _each_in_turn(bench: Bench, state: State, found: State) -> tuple[State, list[Added]] | None:
-    """The model `found` with effects more than `state`, each once more beside all others, as if it were found last: what does as much may be
-    in its place, and none is kept that earns nothing there. None if none is."""
+def _each_in_turn(bench: Bench, state: State, lin: Linearised, found: State) -> tuple[State, list[Added]] | None:
+    """The model `found` with effects more than `state`, linearised in `lin`, each once more beside all others, as if it were found last: what does
+    as much may be in its place, unless all is noise with it that is none without it, and none is kept that earns nothing there. None if none is."""
     added: list[Added] = []
-    for effect in found.effects[len(state.effects) :]:
+    first, names = found, found.effects[len(state.effects) :]
+    for effect, less in zip(names, without_each(bench, found, names), strict=True):
         k = next(k for k, e in enumerate(found.effects) if same(e, effect))
+        unchanged = set(found.effects) == set(first.effects)
         found = reordered(bench, found, with_last(found, k))
-        less = left_without(bench, found, found.effects[-1])
+        far = found.select < AHEAD * less.select < np.inf
+        less = less if unchanged and far else left_without(bench, found, effect)
         some = reduced_chi2(bench, found) > CLOSE and found.select < SOME * less.select
         if not (some or earned(bench, less, found)):
             found = less
             continue
-        plain, lin = standing(bench, found, but_last(found))
         own = Tried(Candidate(found.effects[-1], 0.0, found.scales[-len(effect.values) :]), found)
-        others = [] if bench.late else refitted(bench, plain, instead_of(bench, plain, lin, own.candidate))
-        best = own if bench.late else plainer(bench, own, CLOSE)
-        best = plainest(bench, [best, *others])
+        others, here = list[Tried](), lin
+        if not (bench.late or (far and reduced_chi2(bench, found) <= NAMED)):
+            plain, here = standing(bench, found, but_last(found))
+            others = refitted(bench, plain, instead_of(bench, plain, here, own.candidate))
+        best = plainest(bench, [own if bench.late else plainer(bench, own, CLOSE), *others])
         if any(best is one for one in others):
             best = plainest(bench, [own, best.refitted(finer(bench, best.state))])
         found = best.state
         gain = less.select - found.select
-        added.append(_entry(bench, less, found, gain, [own, *others], lin, found.effects[-1], coarsely=True))
+        added.append(_entry(bench, less, found, gain, [own, *others], here, found.effects[-1], coarsely=True))
     return (found, added) if added else None
 
 
@@ -227,16 +232,20 @@ def _entry(
     others = [pair for pair in tried if pair.candidate.key != key and np.isfinite(pair.state.select)]
     order = sorted((other for _, other in others), key=lambda other: other.select)
     named = [other for other in order if other.effects[-1].name != "unknown"]
-    left_by = list(forked(lambda other: _error(bench, other), order[:RIVALS], bench.workers))
-    report = told_of(bench.split, new, bench.split.report)
+    asked = [*([state, new] if coarsely else []), *order[:RIVALS]]
+    told = list(forked(lambda other: _error(bench, other), asked, bench.workers))
+    if not coarsely:
+        report = told_of(bench.split, new, bench.split.report)
+        told = [*(errors(bench, one, report).all for one in (state, new)), *told]
+    before, after, *of_rivals = told
     return Added(
         effect=effect,
         std=(),
-        before=_error(bench, state) if coarsely else errors(bench, state, report).all,
-        after=_error(bench, new) if coarsely else errors(bench, new, report).all,
+        before=before,
+        after=after,
         gain=gain,
         excess=max(state.select - dof, 1.0),
-        rivals=tuple((other.effects[-1], error) for other, error in zip(order[:RIVALS], left_by, strict=True) if error < np.inf),
+        rivals=tuple((other.effects[-1], error) for other, error in zip(order[:RIVALS], of_rivals, strict=True) if error < np.inf),
         tied=tuple(
             other.effects[-1] for other in named if other.select < new.select + TIE + ALIKE * max(new.select - dof, 0.0)
         ),

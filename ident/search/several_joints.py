@@ -7,13 +7,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from ident.arm.parts import degrees
-from ident.effects.base import only_shares
-from ident.search.candidates import Candidate, best_of, catalogue, nearer
-from ident.search.choice import DOUBT, TIE, Tried, best_names, left_by
+from ident.effects.base import Effect, only_shares
+from ident.effects.catalogue import CATALOGUE
+from ident.search.candidates import Candidate, as_strong, best_of, catalogue, nearer, smallest
+from ident.search.choice import DOUBT, TIE, Tried, as_much, best_names, left_by
 from ident.search.from_declared import LIKELY
 from ident.search.minima import told
 from ident.search.refits import (
     CLOSE,
+    FINELY,
     Bench,
     Refit,
     State,
@@ -24,6 +26,7 @@ from ident.search.refits import (
     linearised,
     reduced_chi2,
     same,
+    some,
 )
 from ident.search.trace import Linearised
 from ident.search.tried import with_candidates
@@ -47,7 +50,9 @@ def at_several_joints(bench: Bench, state: State, tried: Sequence[Tried]) -> Sta
     ):
         return None
     lin = linearised(state.problem, as_declared(bench, state))
-    models = list(all_fitted(bench, [with_candidates(state, some, lin) for some in _likely(bench, state, lin, names)]))
+    models = list(
+        all_fitted(bench, [with_candidates(state, names, lin) for names in _likely(bench, state, lin, names)])
+    )
     for new in models:
         bench.say(
             f"  at once, {' and '.join(map(told, new.effects[len(state.effects) :]))}: {reduced_chi2(bench, new):.4g}"
@@ -57,7 +62,33 @@ def at_several_joints(bench: Bench, state: State, tried: Sequence[Tried]) -> Sta
     if best.select > FEWER * least:
         return None
     finely = fitted(bench, Refit.of(best))
-    return finely if finely.select < best.select else best
+    return _rubbing_plainly(bench, state, lin, min(best, finely, key=lambda new: new.select))
+
+
+def _rubbing_plainly(bench: Bench, state: State, lin: Linearised, new: State) -> State:
+    """The model, or one with the plainest friction, as strong, in the place of all beyond `state` that has more numbers, if it leaves as much:
+    in haste, from any size, the motion that friction leaves is hardly found, and one more number helps to."""
+    found = new.effects[len(state.effects) :]
+    plain = [_plainest(lin, e) or e for e in found]
+    if all(map(same, found, plain)) or bench.late:
+        return new
+    names = [Candidate(e, 0.0, tuple(map(abs, e.values))) for e in plain]
+    beside = some(new, range(len(state.effects)))
+    refit = with_candidates(state, names, replace(lin, vector=beside.vector))
+    plainly = fitted(bench, replace(refit, roughly=FINELY, slid=new.minimum.slid))
+    bench.say(
+        f"  as strong, {' and '.join(map(told, plainly.effects[len(state.effects) :]))}: {reduced_chi2(bench, plainly):.4g}"
+    )
+    return plainly if plainly.select <= as_much(bench, new.select) else new
+
+
+def _plainest(lin: Linearised, effect: Effect) -> Effect | None:
+    """The friction of one number at the port of one of more, as strong as that. None for what is none."""
+    if not effect.dry or effect.numbers < 2:
+        return None
+    kinds = (kind for kind in CATALOGUE.values() if kind.dry and not kind.by_load and len(kind.parameters) == 1)
+    kind = next((kind for kind in kinds if kind.port == effect.port), None)
+    return None if kind is None else as_strong(lin, smallest(lin, kind, effect.joint), effect).effect
 
 
 def _of_a_joint(one: Tried) -> bool:
@@ -82,10 +113,10 @@ def _likely(bench: Bench, state: State, lin: Linearised, names: Sequence[Tried])
                 everywhere.append(new if known else nearer(lin, new))
         choices.append(everywhere)
     told_of: set[frozenset[tuple[str, int | None, str]]] = set()
-    for some in choices:
-        which = frozenset(one.key for one in some)
+    for choice in choices:
+        which = frozenset(one.key for one in choice)
         if which not in told_of:
-            yield some
+            yield choice
         told_of.add(which)
 
 

@@ -134,12 +134,34 @@ def test_each_is_looked_at_beside_the_others_and_none_kept_that_earns_nothing(mo
 
     monkeypatch.setattr(rounds, "reordered", reordered)
     monkeypatch.setattr(rounds, "left_without", without)
+    monkeypatch.setattr(rounds, "without_each", lambda bench, found, names: [without(bench, found, e) for e in names])
     monkeypatch.setattr(rounds, "standing", lambda bench, found, keep: (found, None))
     monkeypatch.setattr(rounds, "instead_of", lambda *args: [])
     monkeypatch.setattr(rounds, "refitted", lambda *args: [])
     monkeypatch.setattr(rounds, "plainer", plainer)
     monkeypatch.setattr(rounds, "earned", lambda bench, before, after: before.select > 2.0 * after.select)
     monkeypatch.setattr(rounds, "_entry", lambda b, less, new, gain, tried, lin, effect, coarsely: (effect, gain))
-    found, added = _each_in_turn(BENCH, state(100.0), state(1.0, COULOMB, STRIBECK, HARD))
+    lin: Any = None
+    found, added = _each_in_turn(BENCH, state(100.0), lin, state(1.0, COULOMB, STRIBECK, HARD)) or (None, [])
     assert set(found.effects) == {COULOMB, plain}
     assert added == [(COULOMB, 29.0 * DOF), (plain, 19.0 * DOF)]
+
+
+def test_friction_of_more_numbers_gives_way_to_plain_friction_as_strong(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where that leaves as much; what is no friction stays. Each is begun with the numbers that it has."""
+    here, strong = ident.search.several_joints, MotorCoulomb(1, (0.15,))
+    monkeypatch.setattr(here, "smallest", lambda lin, kind, joint: Candidate(kind(joint, (0.01,)), 0.0, (1.0,)))
+    monkeypatch.setattr(here, "as_strong", lambda lin, one, effect: Candidate(strong, 0.0, (1.0,)))
+    monkeypatch.setattr(here, "some", lambda state, keep: SimpleNamespace(vector=None))
+    monkeypatch.setattr(here, "replace", lambda one, **changes: one)
+    monkeypatch.setattr(here, "with_candidates", lambda state, some, lin: [c.effect for c in some])
+
+    def plainly(leaves: float) -> tuple[Effect, ...]:
+        monkeypatch.setattr(here, "fitted", lambda bench, effects: state(leaves, *effects))
+        found = state(1.0, COULOMB, STRIBECK, HARD)
+        found.minimum = SimpleNamespace(slid={})
+        lin: Any = None
+        return here._rubbing_plainly(BENCH, state(100.0), lin, found).effects
+
+    assert plainly(1.004) == (COULOMB, strong, HARD)
+    assert plainly(1.1) == (COULOMB, STRIBECK, HARD)

@@ -22,11 +22,13 @@ from ident.arm.scene import linear_extra
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.catalogue import CATALOGUE
+from ident.effects.friction import MotorCoulomb, MotorStribeck
+from ident.effects.motor import TorqueOffset
 from ident.effects.response import Response, response
 from ident.effects.sensor import JointZeroOffset
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import estimate
-from ident.search.candidates import Candidate, added, best_of, catalogue, otherwise, surest
+from ident.search.candidates import Candidate, added, as_strong, best_of, catalogue, otherwise, surest
 from ident.search.curves import responses, wave
 from ident.search.periods import Spectrum, spectrum
 from ident.search.trace import Linearised, linearise, port_shares
@@ -141,6 +143,16 @@ def test_a_band_has_the_share_of_its_own_lines() -> None:
         assert low[port] * excess[0] + high[port] * excess[1] == pytest.approx(whole[port] * excess[2], rel=1e-9)
     assert whole["motor", 1] == max(whole.values()) > 0.9
     assert {share for *_, share in port_shares(lin, 200.0)} == {0.0}
+
+
+@pytest.mark.parametrize(("peak", "least", "most"), [(0.0, 1.0, 1.0), (0.02, 1.05, 1.95)])
+def test_a_plainer_friction_is_as_strong_as_the_one_it_is_to_replace(peak: float, least: float, most: float) -> None:
+    """The level of one without a peak; else between that and the level at rest."""
+    lin = explained((), ())
+    candidate = Candidate(MotorCoulomb(1, (1e-4,)), 1.0, (1.0,))
+    strong = as_strong(lin, candidate, MotorStribeck(1, (0.02, peak, 5.0))).effect
+    assert least * 0.02 * (1 - 1e-9) <= strong["level"] <= most * 0.02 * (1 + 1e-9)
+    assert as_strong(lin, candidate, TorqueOffset(1, (0.0,))) == candidate  # what does nothing
 
 
 def test_links_that_an_effect_carries_are_no_sizes_of_it() -> None:
