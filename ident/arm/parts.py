@@ -58,7 +58,7 @@ def split(data: tuple[Evidence, ...], model: Model) -> Split:
         block = np.cumsum(data[1].is_excited) // BLOCK % 2
         note = "two records: choosing and reporting lines are blocks of the second by turns"
         return _excited(Split(data[:1], (lines_of(data[1], block == 0),), (lines_of(data[1], block == 1),), note))
-    return split_lines(data, "too few records")
+    return split_lines(data, "too few records to keep some of every joint apart")
 
 
 def _excited(parted: Split) -> Split:

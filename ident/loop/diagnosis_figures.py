@@ -34,7 +34,7 @@ MEASURED, FOUND = "from the records, no law assumed", "the effect"
 
 
 def before_after_figure(row: HeldOut) -> str:
-    """Returns one held-out record as SVG: the response, and what each model leaves of it, against its noise."""
+    """Returns one held-out record as SVG: the response, and what each model leaves of it, or the one there is, against its noise."""
     velocity = 2.0 * np.pi * row.f / np.maximum(np.abs(row.tau), 1e-300)
     measured, before, after, noise = (
         velocity * np.abs(values) for values in (row.theta, row.before, row.after, row.noise)
@@ -49,11 +49,10 @@ def before_after_figure(row: HeldOut) -> str:
         axes.plot(*line, color=MUTED, linewidth=1.0, label="noise")
         alone = row.apart & np.append(row.apart[1:], True)
         dots(axes, row.f[alone], noise[alone], MUTED, 1.6)
-        for values, colour, label in (
-            (measured, DATA, "response"),
-            (before, CAD, "left before"),
-            (after, FIT, "left after"),
-        ):
+        models = [(before, CAD, "left before"), (after, FIT, "left after")]
+        if np.array_equal(before, after):
+            models = [(after, FIT, "left")]
+        for values, colour, label in [(measured, DATA, "response"), *models]:
             dots(axes, row.f, np.maximum(values, 1e-12 * measured.max()), colour, 3.2)
             axes.plot([], [], linestyle="none", marker=".", color=colour, label=label)
         everything = np.concatenate([measured, before, noise])

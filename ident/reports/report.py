@@ -321,8 +321,9 @@ def _percent(value: float | None, reference: float | None) -> str:
 
 
 def _constant(name: str) -> Markup:
-    """A constant's name as one writes it: alpha_21 as alpha with index."""
+    """A constant's name as one writes it: alpha_21 as alpha with index, alpha_1x2_1 with index 1×2,1."""
     from markupsafe import Markup
 
     head, _, index = name.partition("_")
+    index = index.replace("_", ",").replace("x", "×")
     return Markup("<i>{}</i><sub>{}</sub>").format("α" if head == "alpha" else head, index)

@@ -136,7 +136,11 @@ def test_nothing_found_is_said_plainly(file):
     assert sentence(v) == "Nothing is missing: the declared model explains every record within its noise."
     v["notes"] = ["Left out, in all records and all errors: 49.5, 150 Hz. What was read there stands far above ..."]
     assert sentence(v).endswith("within its noise. What stands alone at 49.5, 150 Hz is left out.")
-    assert "What stays unexplained" not in words(d, v) and "σ is of noise alone" not in words(d, v)
+    page = words(d, v)
+    assert "What stays unexplained" not in page and "σ is of noise alone" not in page
+    assert "<th>error<br>%</th>" in page and "before" not in page.split("Error on")[1].split("</table>")[0]
+    drawn = html(d, v).split("<svg")[1].split("</svg>")[0]
+    assert ">left<" in drawn and "left before" not in drawn
 
 
 def test_an_effect_that_leaves_more_than_noise_is_not_said_to_explain_the_records(file):

@@ -581,3 +581,10 @@ def test_a_standard_deviation_sets_the_digits(value, std, text):
 )  # fmt: skip
 def test_numbers_are_short_and_exact(value, text):
     assert verdict.number(value, 3) == text
+
+
+def test_a_constant_that_an_entry_off_the_diagonal_shows_is_written_with_its_joints():
+    names = {"alpha_21": "21", "alpha_1x2_1": "1×2,1", "alpha_10_3": "10,3"}
+    assert {name: str(report._constant(name)) for name in names} == {
+        name: f"<i>α</i><sub>{index}</sub>" for name, index in names.items()
+    }
