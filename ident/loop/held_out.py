@@ -22,8 +22,8 @@ from ident.records.campaign import Array
 from ident.records.excitation import synthesise
 from ident.records.frf import Complex
 from ident.search.changes import told_of
-from ident.search.departures import in_bands
-from ident.search.refits import State, same
+from ident.search.departures import held_as, in_bands
+from ident.search.refits import FEW_TURNS, State, same
 from ident.search.trace import PORTS, Linearised, along, linearise
 
 #: Share of what an effect explains that a record, or a band, must have of it to be told: less is what noise makes of it.
@@ -259,8 +259,8 @@ def carried(d: Diagnosis, effect: Effect) -> tuple[dict[str, float], dict[str, f
     fewer, vector = without(d.end, effect)
     by_record: dict[str, float] = {}
     by_band: dict[str, float] = {}
-    fewer, full = replace(fewer, data=d.split.select), replace(d.end.problem, data=d.split.select)
-    less, more = hold(fewer, vector), hold(full, d.end.minimum.vector)
+    fewer, full = replace(fewer, data=d.split.select, turns=FEW_TURNS), replace(d.end.problem, data=d.split.select)
+    less, more = hold(fewer, vector), held_as(d.end, d.split.select)
     for one, kept, whole in zip(d.split.select, less, more, strict=True):
         r = residual(fewer, vector, one, kept.moved)[0]
         s = residual(full, d.end.minimum.vector, one, whole.moved)[0]

@@ -179,7 +179,10 @@ def _each_in_turn(bench: Bench, state: State, lin: Linearised, found: State) -> 
         unchanged = set(found.effects) == set(first.effects)
         found = reordered(bench, found, with_last(found, k))
         far = found.select < AHEAD * less.select < np.inf
-        less = less if unchanged and far else left_without(bench, found, effect)
+        if bench.late:  # then what they do together has to do
+            less = state
+        elif not (unchanged and far):
+            less = left_without(bench, found, effect)
         some = reduced_chi2(bench, found) > CLOSE and found.select < SOME * less.select
         if not (some or earned(bench, less, found)):
             found = less

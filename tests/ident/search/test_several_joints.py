@@ -145,6 +145,9 @@ def test_each_is_looked_at_beside_the_others_and_none_kept_that_earns_nothing(mo
     found, added = _each_in_turn(BENCH, state(100.0), lin, state(1.0, COULOMB, STRIBECK, HARD)) or (None, [])
     assert set(found.effects) == {COULOMB, plain}
     assert added == [(COULOMB, 29.0 * DOF), (plain, 19.0 * DOF)]
+    late: Any = SimpleNamespace(**{**vars(BENCH), "late": True})  # what they do together has to do
+    found, added = _each_in_turn(late, state(100.0), lin, state(1.0, COULOMB, STRIBECK, HARD)) or (None, [])
+    assert set(found.effects) == {COULOMB, STRIBECK, HARD} and [gain for _, gain in added] == [99.0 * DOF] * 3
 
 
 def test_friction_of_more_numbers_gives_way_to_plain_friction_as_strong(monkeypatch: pytest.MonkeyPatch) -> None:
