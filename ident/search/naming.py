@@ -7,11 +7,12 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ident.arm.parts import degrees
-from ident.effects.base import has_forces
+from ident.effects.base import Effect, has_forces
 from ident.effects.friction import LinkCoulomb, LoadDependentFriction
 from ident.effects.learned import LearnedLaw
 from ident.search.candidates import Candidate, as_strong, catalogue
-from ident.search.choice import ALIKE, Tried, left_by, plainest
+from ident.search.choice import ALIKE, Tried, as_much, left_by, plainest
+from ident.search.contradicted import standard_deviations
 from ident.search.curves import wave
 from ident.search.finer import finer
 from ident.search.from_declared import LIKELY
@@ -42,6 +43,15 @@ def plainer(bench: Bench, one: Tried, hopeless: float = HOPELESS) -> Tried:
     near = [other.refitted(finer(bench, other.state)) for other in near]  # minima take long
     near = [other for other in near if not CLOSE * left_by(one) < left_by(other)]
     return plainest(bench, [one, *(other.refitted(fully(bench, other.state)) for other in near)])
+
+
+def is_clear(bench: Bench, state: State, effect: Effect) -> bool:
+    """Whether a model without any one of an effect's sizes would leave `HOPELESS` times as much more as what is not told apart, by how well each is
+    known."""
+    unclear = as_much(bench, state.select) - state.select
+    values = zip(effect.values, effect.parameters, standard_deviations(state, effect, ()), strict=True)
+    sizes = [(value - p.zero, std) for value, p, std in values if p.zero is not None and not p.aside]
+    return all(size**2 > HOPELESS * unclear * std**2 for size, std in sizes)  # nor is one that no record shows
 
 
 def of_any_order(bench: Bench, one: Tried) -> Tried:

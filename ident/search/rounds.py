@@ -34,7 +34,7 @@ from ident.search.departures import errors
 from ident.search.finer import finer
 from ident.search.gains import named_gains, resolved
 from ident.search.minima import LEAST_GAIN, fully, told
-from ident.search.naming import named_by_load, of_any_order, plainer
+from ident.search.naming import is_clear, named_by_load, of_any_order, plainer
 from ident.search.one_more import leading_to_one_more
 from ident.search.refits import (
     BY_ALL,
@@ -189,10 +189,12 @@ def _each_in_turn(bench: Bench, state: State, lin: Linearised, found: State) -> 
             continue
         own = Tried(Candidate(found.effects[-1], 0.0, found.scales[-len(effect.values) :]), found)
         others, here = list[Tried](), lin
-        if not (bench.late or (far and reduced_chi2(bench, found) <= NAMED)):
+        stands = bench.late or (far and reduced_chi2(bench, found) <= NAMED)
+        if not stands:
             plain, here = standing(bench, found, but_last(found))
             others = refitted(bench, plain, instead_of(bench, plain, here, own.candidate))
-        best = plainest(bench, [own if bench.late else plainer(bench, own, CLOSE), *others])
+        clear = bench.late or (stands and is_clear(bench, found, found.effects[-1]))
+        best = plainest(bench, [own if clear else plainer(bench, own, CLOSE), *others])
         if any(best is one for one in others):
             best = plainest(bench, [own, best.refitted(finer(bench, best.state))])
         found = best.state

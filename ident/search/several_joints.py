@@ -13,6 +13,7 @@ from ident.search.candidates import Candidate, as_strong, best_of, catalogue, ne
 from ident.search.choice import DOUBT, TIE, Tried, as_much, best_names, left_by
 from ident.search.from_declared import LIKELY
 from ident.search.minima import told
+from ident.search.naming import is_clear
 from ident.search.refits import (
     CLOSE,
     FINELY,
@@ -66,10 +67,11 @@ def at_several_joints(bench: Bench, state: State, tried: Sequence[Tried]) -> Sta
 
 
 def _rubbing_plainly(bench: Bench, state: State, lin: Linearised, new: State) -> State:
-    """The model, or one with the plainest friction, as strong, in the place of all beyond `state` that has more numbers, if it leaves as much:
-    in haste, from any size, the motion that friction leaves is hardly found, and one more number helps to."""
+    """The model, or one with the plainest friction, as strong, in the place of all beyond `state` that has more numbers, not all of them clear,
+    if it leaves as much: in haste, from any size, the motion that friction leaves is hardly found, and one more number helps to."""
     found = new.effects[len(state.effects) :]
-    plain = [_plainest(lin, e) or e for e in found]
+    unclear = [e for e in found if e.dry and e.numbers > 1 and not is_clear(bench, new, e)]
+    plain = [(_plainest(lin, e) if e in unclear else None) or e for e in found]
     if all(map(same, found, plain)) or bench.late:
         return new
     names = [Candidate(e, 0.0, tuple(map(abs, e.values))) for e in plain]
@@ -83,9 +85,7 @@ def _rubbing_plainly(bench: Bench, state: State, lin: Linearised, new: State) ->
 
 
 def _plainest(lin: Linearised, effect: Effect) -> Effect | None:
-    """The friction of one number at the port of one of more, as strong as that. None for what is none."""
-    if not effect.dry or effect.numbers < 2:
-        return None
+    """The friction of one number at the port of another, as strong as that; None at a port that has none."""
     kinds = (kind for kind in CATALOGUE.values() if kind.dry and not kind.by_load and len(kind.parameters) == 1)
     kind = next((kind for kind in kinds if kind.port == effect.port), None)
     return None if kind is None else as_strong(lin, smallest(lin, kind, effect.joint), effect).effect

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import ident.search.choice
+import ident.search.naming
 import ident.search.rounds
 import ident.search.several_joints
 from ident.effects.base import Effect
@@ -139,6 +141,7 @@ def test_each_is_looked_at_beside_the_others_and_none_kept_that_earns_nothing(mo
     monkeypatch.setattr(rounds, "instead_of", lambda *args: [])
     monkeypatch.setattr(rounds, "refitted", lambda *args: [])
     monkeypatch.setattr(rounds, "plainer", plainer)
+    monkeypatch.setattr(rounds, "is_clear", lambda bench, state, effect: False)
     monkeypatch.setattr(rounds, "earned", lambda bench, before, after: before.select > 2.0 * after.select)
     monkeypatch.setattr(rounds, "_entry", lambda b, less, new, gain, tried, lin, effect, coarsely: (effect, gain))
     lin: Any = None
@@ -156,6 +159,7 @@ def test_friction_of_more_numbers_gives_way_to_plain_friction_as_strong(monkeypa
     monkeypatch.setattr(here, "smallest", lambda lin, kind, joint: Candidate(kind(joint, (0.01,)), 0.0, (1.0,)))
     monkeypatch.setattr(here, "as_strong", lambda lin, one, effect: Candidate(strong, 0.0, (1.0,)))
     monkeypatch.setattr(here, "some", lambda state, keep: SimpleNamespace(vector=None))
+    monkeypatch.setattr(here, "is_clear", lambda bench, state, effect: False)
     monkeypatch.setattr(here, "replace", lambda one, **changes: one)
     monkeypatch.setattr(here, "with_candidates", lambda state, some, lin: [c.effect for c in some])
 
@@ -168,3 +172,14 @@ def test_friction_of_more_numbers_gives_way_to_plain_friction_as_strong(monkeypa
 
     assert plainly(1.004) == (COULOMB, strong, HARD)
     assert plainly(1.1) == (COULOMB, STRIBECK, HARD)
+    monkeypatch.setattr(here, "is_clear", lambda bench, state, effect: effect == STRIBECK)
+    assert plainly(1.0) == (COULOMB, STRIBECK, HARD)
+
+
+def test_a_size_known_far_better_than_chance_is_clear(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the same share as names are told apart; one that no record shows is not, and shapes are none."""
+    naming = ident.search.naming
+    monkeypatch.setattr(naming, "as_much", lambda bench, least: least + 40.0)
+    for stds, clear in (((0.004, 0.002, 9.0), True), ((0.004, 0.003, 0.0), False), ((np.nan, 0.001, 0.0), False)):
+        monkeypatch.setattr(naming, "standard_deviations", lambda state, effect, off, stds=stds: stds)
+        assert naming.is_clear(BENCH, state(1.0), STRIBECK) == clear
