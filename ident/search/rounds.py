@@ -96,7 +96,7 @@ def another(
     lin = linearised(state.problem, state.minimum.vector)
     tried: list[Tried] = list(missing)
     further: Iterable[list[Tried]] = ()
-    if not any(explains(bench, new) for _, new in missing):
+    if not (bench.late or any(explains(bench, new) for _, new in missing)):
         tried += again(bench, state, partly) if reduced_chi2(bench, state) > CLOSE else []
         if little or any(reduced_chi2(bench, new) <= NAMED for _, new in tried):
             further = [resting(bench, state, lin)]
@@ -146,12 +146,13 @@ def _with_second(
     bench: Bench, state: State, lead: State, missing: Sequence[Tried], tried: Sequence[Tried], lin: Linearised,
 ) -> tuple[State, list[Added]] | None:  # fmt: skip
     """The model with the last effect of `lead`, one of those `tried` beyond `state`, and a second one, that which is `missing` if it was
-    found; with the second alone if that does without the first, which led to it. None is looked for once it is late."""
-    if bench.late:
+    found; with the second alone if that does without the first, which led to it. None is looked for once it is late, but one that
+    was found is kept."""
+    if bench.late and not missing:
         return None
     there = linearised(lead.problem, lead.minimum.vector)
     likely = missing or likely_names(bench, lead, there)
-    if bench.late:
+    if bench.late and not missing:
         return None
     further = () if missing else hasty(bench, lead, there, [*likely])
     best, more = _best(bench, lead, there, list(missing), further)
@@ -159,7 +160,7 @@ def _with_second(
     if second is None or not earned(bench, state, second[0]):
         return None
     new, entry = second
-    alone = without(bench, new, lead.effects[-1])
+    alone = left_without(bench, new, lead.effects[-1])
     if earned(bench, alone, new):
         gain, found = alone.select - new.select, new.effects[-2]
         return new, [_entry(bench, state, lead, gain, tried, lin, found), entry]
