@@ -273,7 +273,7 @@ def _best(
             return of_any_order(bench, plainer(bench, leader)), tried
     if (little and not _gaining(bench, tried)) or (bends and all(left_by(one) > state.select for one in tried)):
         return None, tried
-    tried = [one for one in polished(bench, tried) if not vanished(one.state.effects[-1])]
+    tried = [one for one in polished(bench, tried, state.select) if not vanished(one.state.effects[-1])]
     tried = [one for one in tried if not is_shapeless(one.state)]
     best = chosen(bench, tried, state.select)
     if bench.late:

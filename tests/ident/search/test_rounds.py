@@ -226,7 +226,7 @@ def test_a_curve_is_taken_only_where_no_name_does_as_well_at_its_minimum(
     named = Tried(candidate, replace(state, select=1000.0 * dof))
     drawn = Tried(Candidate(curve, 0.0, (1.0, 1.0)), replace(state, effects=(curve,), select=0.99 * dof))
     tried = [named, drawn]
-    monkeypatch.setattr(ident.search.rounds, "polished", lambda bench, tried: tried)
+    monkeypatch.setattr(ident.search.rounds, "polished", lambda bench, tried, before: tried)
     monkeypatch.setattr(
         ident.search.rounds, "fully", lambda bench, s: s if s is drawn[1] else replace(s, select=at_minimum * dof)
     )
