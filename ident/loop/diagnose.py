@@ -360,7 +360,7 @@ def _loop(
         doubted = not added or reduced_chi2(bench, state) > DOUBTED
         noisy = little and reduced_chi2(bench, state) <= NAMED
         departs = (not noisy and something_departs(bench, state)) or (doubted and is_suspect(bench, state))
-        if not departs or bench.late:
+        if not departs or (bench.late and not missing):
             break
         if added and not missing and gives_way(state, bench.split):
             break

@@ -15,6 +15,7 @@ from functools import cache, partial
 from math import inf
 
 from ident.arm.parts import Split
+from ident.effects.declared import GravityStiffness, InertialParameters, Payload
 from ident.effects.waves import order_of
 from ident.identification.campaign_model import model_of_campaign, zeros_believed
 from ident.loop.diagnose import Begun, Diagnosis, begin
@@ -38,6 +39,8 @@ FEWER = 2
 FAR = 0.2
 #: Share of what is left when zeros are believed that they may leave, hastily fitted, to leave so much less.
 MAYBE = 0.5
+#: What may be off that moves the constants of links.
+OF_LINKS = (Payload.name, InertialParameters.name, GravityStiffness.name)
 #: They are taken where they explain the records with this share of the causes: which numbers are told as off is chance at the margin.
 HALF = 0.5
 
@@ -80,6 +83,8 @@ def _diagnosed(
     simplest = begin(campaign, symmetric, responses, workers, until, say)
     alone = not general.departs
     by_general = cache(lambda: general.diagnosed())
+    if alone and _is_load(by_general()):
+        return by_general(), notes
     far = not alone and general.alone < FAR * simplest.alone
     gone_on: Callable[[], Diagnosis] | None = None
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
@@ -146,6 +151,13 @@ def _diagnosed(
 
 def _fewer_do(general: Begun, simple: Diagnosis) -> bool:
     return len(simple.end.effects) > FEWER and reduced_chi2(*general.beside(simple.end, simple.split, FEWER)) <= NAMED
+
+
+def _is_load(found: Diagnosis) -> bool:
+    """Whether a load that nobody declared, of a few numbers, is all that makes the links others than declared: what else does the same
+    with the zeros believed need not be looked for."""
+    links = [one.deviation.name for one in found.off if one.deviation.name in OF_LINKS]
+    return links == [Payload.name] and not found.added
 
 
 def _things(found: Diagnosis) -> int:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ident.effects.base import Effect, only_gains, only_shares, overrides, winds_up
 from ident.search.candidates import CHANGE, catalogue
 from ident.search.choice import CURVE_SHARE, Tried, best_names, is_curve, left_by, plainest
@@ -25,6 +27,7 @@ from ident.search.refits import (
     reduced_chi2,
     same,
 )
+from ident.search.rest import something_departs
 from ident.search.tried import refitted
 
 #: Names tried, and share of what is left that each must promise, and that the best may leave beyond noise in haste: dry friction's motion
@@ -139,8 +142,8 @@ def _does(bench: Bench, tried: Sequence[Tried], most: Callable[[Effect], float])
 def _further(
     bench: Bench, state: State, most: Callable[[Effect], float], wanted: Callable[[Effect], bool]
 ) -> list[Tried]:
-    """The likeliest names that are `wanted` beyond a model, hastily refitted, the best finely unless one leaves nothing at once; none where
-    all leave much."""
+    """The likeliest names that are `wanted` beyond a model, hastily refitted, those near the best finely unless one leaves nothing at once; none
+    where all leave much."""
     lin = linearised(state.problem, state.minimum.vector)
     names, left = catalogue(lin, state.effects, bench.workers), beyond_noise(state, lin)
     likely = [c for c in names[:TRIED] if c.gain > PROMISED * left and wanted(c.effect) and not _guessed(c.effect)]
@@ -149,6 +152,20 @@ def _further(
     if best is None or reduced_chi2(bench, best.state) - 1.0 > MUCH * (reduced_chi2(bench, state) - 1.0):
         return []
     if reduced_chi2(bench, best.state) > min(most(best.candidate.effect), NAMED):
-        near = [one for one in tried if left_by(one) <= NEAR * left_by(best)]
-        tried = [one.refitted(finer(bench, one.state)) if one in near else one for one in tried]
+        return _plainest_first(bench, tried, [one for one in tried if left_by(one) <= NEAR * left_by(best)])
     return tried
+
+
+def _plainest_first(bench: Bench, tried: Sequence[Tried], near: Sequence[Tried]) -> list[Tried]:
+    """The names tried, those `near` the best fitted finely, without such of them as have more numbers than one that leaves nothing: friction
+    of more numbers, which does no better, takes ten times as long."""
+    found, enough = {id(one): one for one in tried}, np.inf
+    for one in sorted(near, key=lambda one: (one.candidate.effect.numbers, left_by(one))):
+        if one.candidate.effect.numbers > enough:
+            del found[id(one)]
+            continue
+        state = finer(bench, one.state)
+        found[id(one)] = one.refitted(state)
+        if reduced_chi2(bench, state) <= NAMED and not something_departs(bench, state):
+            enough = one.candidate.effect.numbers
+    return list(found.values())

@@ -97,7 +97,7 @@ def another(
     lin = linearised(state.problem, state.minimum.vector)
     tried: list[Tried] = list(missing)
     further: Iterable[list[Tried]] = ()
-    if not any(explains(bench, new) for _, new in missing):
+    if not (bench.late or any(explains(bench, new) for _, new in missing)):
         tried += again(bench, state, partly) if reduced_chi2(bench, state) > CLOSE else []
         if little or any(reduced_chi2(bench, new) <= NAMED for _, new in tried):
             further = [resting(bench, state, lin)]
@@ -147,12 +147,13 @@ def _with_second(
     bench: Bench, state: State, lead: State, missing: Sequence[Tried], tried: Sequence[Tried], lin: Linearised,
 ) -> tuple[State, list[Added]] | None:  # fmt: skip
     """The model with the last effect of `lead`, one of those `tried` beyond `state`, and a second one, that which is `missing` if it was
-    found; with the second alone if that does without the first, which led to it. None is looked for once it is late."""
-    if bench.late:
+    found; with the second alone if that does without the first, which led to it. None is looked for once it is late, but one that
+    was found is kept."""
+    if bench.late and not missing:
         return None
     there = linearised(lead.problem, lead.minimum.vector)
     likely = missing or likely_names(bench, lead, there)
-    if bench.late:
+    if bench.late and not missing:
         return None
     further = () if missing else hasty(bench, lead, there, [*likely])
     best, more = _best(bench, lead, there, list(missing), further)
@@ -160,7 +161,7 @@ def _with_second(
     if second is None or not earned(bench, state, second[0]):
         return None
     new, entry = second
-    alone = without(bench, new, lead.effects[-1])
+    alone = left_without(bench, new, lead.effects[-1])
     if earned(bench, alone, new):
         gain, found = alone.select - new.select, new.effects[-2]
         return new, [_entry(bench, state, lead, gain, tried, lin, found), entry]
@@ -286,7 +287,7 @@ def _best(
             return of_any_order(bench, plainer(bench, leader)), tried
     if (little and not _gaining(bench, tried)) or (bends and all(left_by(one) > state.select for one in tried)):
         return None, tried
-    tried = [one for one in polished(bench, tried) if not vanished(one.state.effects[-1])]
+    tried = [one for one in polished(bench, tried, state.select) if not vanished(one.state.effects[-1])]
     tried = [one for one in tried if not is_shapeless(one.state)]
     best = chosen(bench, tried, state.select)
     if bench.late:

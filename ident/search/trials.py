@@ -25,6 +25,7 @@ from ident.search.choice import (
     law_leads,
     left_by,
     rings_ahead,
+    vanished,
 )
 from ident.search.contact import as_it_sticks, balanced, besides, rubbing, rubbing_anew
 from ident.search.curves import curves, resonances, responses
@@ -313,13 +314,13 @@ def giving(bench: Bench, state: State, lin: Linearised, one: Tried, tried: Seque
     return refitted(bench, state, [(c, lin) for c in likely])
 
 
-def polished(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
-    """The candidates, those that may be chosen fitted finely, and the best name from other places where it leaves something.
-    Once it is late all stay as they are."""
+def polished(bench: Bench, tried: Sequence[Tried], before: float = np.inf) -> list[Tried]:
+    """The candidates, those that may be chosen fitted finely, and the best name from other places where it leaves something; `before` is
+    chi^2 on the choosing records without any. Once it is late all stay as they are."""
     if bench.late:
         return list(tried)
     tried = curve_finely(bench, tried)
-    finalists = _finalists(bench, tried)
+    finalists = _finalists(bench, tried, before)
     if not finalists:
         return list(tried)
     found = finely(bench, finalists) + [one for one in tried if all(one is not other for other in finalists)]
@@ -347,16 +348,20 @@ def likeliest(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     return [one for one in names if only_impedance(one.candidate.effect) or UNLIKELY * left_by(one) <= least]
 
 
-def _may_be_as_good(bench: Bench, one: Tried, best: Tried) -> bool:
-    """Whether a name may leave nothing, as the `best` one does in haste: it leaves little of what there is without effects, or the motion
-    that its force makes of its joint, the same one, is not found in haste."""
+def _may_be_as_good(bench: Bench, one: Tried, best: Tried, before: float) -> bool:
+    """Whether a name may leave nothing, as the `best` one does in haste: it leaves little of what there is without effects, and takes half as
+    much of what there was `before` as the best does; or the motion that its force makes of its joint, the same one, is not found in haste.
+    None that is nothing itself."""
     effect, dof = one.candidate.effect, degrees(bench.split.select)
+    if vanished(one.state.effects[-1]):
+        return False
     little = dof + REST * max(bench.at_first - dof, 0.0)
     unfound = effect.joint == best.candidate.effect.joint and (effect.dry or winds_up(effect))
-    return unfound or left_by(one) <= max(little, NEAR_BEST * left_by(best))
+    some = before - left_by(one) >= HALF * (before - left_by(best))
+    return unfound or (some and left_by(one) <= max(little, NEAR_BEST * left_by(best)))
 
 
-def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
+def _finalists(bench: Bench, tried: Sequence[Tried], before: float = np.inf) -> list[Tried]:
     """The candidates to be fitted finely: where a name leaves nothing, those near the noise, or none if it is alone there; where none
     is near, those not far behind the best, but none behind a law that is far ahead, or behind what rings that is. Of the curves the best,
     and dry friction that is as good in haste.
@@ -373,7 +378,9 @@ def _finalists(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
     if explains(bench, named[0].state, CLOSE**2):
         if left > NAMED:
             return [one for one in named[:FINALISTS] + drawn if left_by(one) <= near]
-        rivals = [one for one in named[:FINALISTS] if left_by(one) <= near and _may_be_as_good(bench, one, named[0])]
+        rivals = [
+            one for one in named[:FINALISTS] if left_by(one) <= near and _may_be_as_good(bench, one, named[0], before)
+        ]
         return rivals if len(rivals) > 1 else []
     if law_leads(bench, tried):
         return named[:1] + drawn

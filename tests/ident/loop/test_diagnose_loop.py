@@ -201,11 +201,11 @@ def test_what_leaves_a_thousandth_of_what_another_left_is_told_where_it_is_all_t
     assert found.after.all < 1.1 * found.after.noise
 
 
-@pytest.mark.parametrize("does", [False, True])
+@pytest.mark.parametrize(("does", "late"), [(False, False), (True, False), (True, True)])
 def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_unless_one_name_more_does(
-    does: bool, monkeypatch: pytest.MonkeyPatch
+    does: bool, late: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By stand-ins: a model is what it leaves, per degree of freedom."""
+    """By stand-ins: a model is what it leaves, per degree of freedom. A name that does is taken though it was found `late`."""
     start, bent, straight = (
         SimpleNamespace(select=left, left=left, effects=(SimpleNamespace(name="link-viscous", joint=0, parameters=()),))
         for left in (9.0, 5.0, 1.0)
@@ -216,6 +216,10 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
         asked.append(state)
         return (bent if state is start else straight), [SimpleNamespace(partly=(), others=())]
 
+    def one_more(bench: Any, state: State, others: object) -> tuple[State, list[str]]:
+        bench.late = late
+        return state, ["name"] * does
+
     stand_ins = dict.fromkeys(
         ("apart", "exchanged", "pruned", "in_each_record"), lambda bench, state, added, *more: (state, added)
     ) | {
@@ -224,7 +228,7 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
         "is_suspect": lambda bench, state: False,
         "is_little": lambda bench, start, state: False,
         "another": another,
-        "one_more": lambda bench, state, others: (state, ["name"] * does),
+        "one_more": one_more,
         "elsewhere": lambda bench, state, effect: state,
         "explains": lambda *of: True,
         "afresh": lambda bench, state: straight,

@@ -77,8 +77,11 @@ class Left:
 
     status = "explained"
 
-    def __init__(self, model: Model, left: float, values: int, off: int = 0, far: bool = True) -> None:
-        self.model, self.left, self.off, self.split, self.added = model, left, [None] * off, None, [None] * bool(values)
+    def __init__(
+        self, model: Model, left: float, values: int, off: int = 0, far: bool = True, name: str = "motor-inertia"
+    ) -> None:
+        self.model, self.left, self.split, self.added = model, left, None, [None] * bool(values)
+        self.off = [SimpleNamespace(deviation=SimpleNamespace(name=name))] * off
         self.end = SimpleNamespace(effects=[SimpleNamespace(values=(0.0,) * values)] if values else [], far=far)
 
 
@@ -114,7 +117,7 @@ class Parts:
         (None, 5.0, 2, 2.0, 1.0, False, 2, False),  # zeros that are none
         (None, 5.0, 2, 4.9, 1.0, False, 1, True),  # as much with more constants
         (None, 5.0, 2, 2.0, 4.9, False, 2, True),
-        (None, 1.0, 1, 1.0, 1.0, True, 1, True),  # one number in place of seven
+        (None, 1.0, 1, 1.0, 1.0, True, 2, True),  # one number in place of seven
         (None, 1.0, 9, 1.0, 1.0, True, 2, False),
         (None, 1.0, 0, 1.0, 1.0, True, 2, False),  # nothing is missing: nothing need be believed
         (True, 5.0, 2, 1.0, 1.0, False, 1, True),
@@ -152,6 +155,29 @@ def test_what_takes_fewer_numbers_is_taken(
     assert bool(found.model.factoring.believed) == believed and len(runs) == tried
     assert by_names == [True] * alone, "what general links explain alone is searched for names only"
     assert bool(notes) == (believed and believe is None)
+
+
+@pytest.mark.parametrize(
+    ("name", "off", "searched"), [("payload", 1, False), ("payload", 2, True), ("inertial-parameters", 1, True)]
+)
+def test_where_all_that_is_off_of_the_links_is_a_load_no_names_are_looked_for(
+    name: str, off: int, searched: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On UR5 names for what it does with the zeros believed took 230 of 319 CPU s."""
+    asked: list[bool] = []
+
+    def begun(campaign: Campaign, model: Model, *_: object) -> SimpleNamespace:
+        def diagnosed(*_: object) -> Left:
+            asked.append(bool(model.factoring.believed))
+            return Left(model, 1.0, int(asked[-1]), off, name=name)
+
+        begins = SimpleNamespace(departs=False, alone=1.0, diagnosed=diagnosed)
+        begins.by_names = lambda: begins
+        return begins
+
+    monkeypatch.setattr(ident.loop.either_model, "begin", begun)
+    diagnose_either(campaign(0.0, 1))
+    assert asked == [False, True][: 1 + searched]
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,10 @@ from ident.search.refits import Refit, State
 LEFT = 200.0
 
 
-def name(joint: int | None, gain: float, left: float, dry: bool = False) -> Tried:
-    effect = SimpleNamespace(name="friction" if dry else "damping", joint=joint, dry=dry, carries=False, parameters=())
+def name(joint: int | None, gain: float, left: float, dry: bool = False, numbers: int = 1) -> Tried:
+    effect = SimpleNamespace(
+        name="friction" if dry else "damping", joint=joint, dry=dry, carries=False, parameters=(), numbers=numbers
+    )
     candidate = SimpleNamespace(effect=effect, gain=gain, key=joint)
     minimum = SimpleNamespace(vector=None)
     state = SimpleNamespace(select=left, effects=(effect,), problem=None, minimum=minimum, roughly=0.03)
@@ -38,6 +40,7 @@ def beyond(monkeypatch: pytest.MonkeyPatch) -> list[Tried]:
         "plainest": lambda bench, named: min(named, key=lambda one: one[1].select),
         "_of_two_causes": lambda one, other: other.joint not in (None, one.joint),
         "linearised": lambda problem, vector: SimpleNamespace(chi2=LEFT),
+        "something_departs": lambda bench, state: state.select > 1.0,
         "beyond_noise": lambda state, lin: lin.chi2,
         "catalogue": lambda lin, effects, workers: [candidate for candidate, _ in names],
         "refitted": lambda bench, state, short: [
@@ -65,6 +68,23 @@ def test_one_name_more_does_where_it_leaves_hardly_anything_of_much(
     state = name(2, 0.0, left)[1]
     same, tried = one_more(BENCH, state)
     assert same is state and bool(tried) == does
+
+
+@pytest.mark.parametrize(
+    ("plain", "numbers", "alone"),
+    [
+        (1.9, 3, True),
+        (2.1, 3, False),  # which finely leaves something
+        (1.9, 1, False),  # of as few numbers the other may be as good
+    ],
+)
+def test_where_a_plain_name_leaves_nothing_none_of_more_numbers_is_fitted_finely(
+    plain: float, numbers: int, alone: bool, beyond: list[Tried]
+) -> None:
+    beyond += [name(0, 90.0, 1.8, dry=True, numbers=numbers), name(0, 80.0, plain), name(1, 70.0, 150.0)]
+    _, tried = one_more(BENCH, name(2, 0.0, LEFT)[1])  # type: ignore[arg-type]
+    both = [(beyond[0].candidate, 0.9)] * (not alone) + [(beyond[1].candidate, plain / 2)]
+    assert [(one.candidate, one.state.select) for one in tried] == [*both, (beyond[2].candidate, 150.0)]
 
 
 @pytest.mark.parametrize("carries", [False, True])

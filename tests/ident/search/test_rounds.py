@@ -92,6 +92,20 @@ def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:
     assert state.effects[1]["error"] == pytest.approx(-0.04, rel=0.03)
 
 
+def test_a_second_effect_that_was_found_is_kept_though_it_is_late(begun: Begun) -> None:
+    """A delay of arm7 and a zero that is off, which ended as the delay alone."""
+    start, lead = begun.start, alone(begun, RINGS)
+    lin = linearised(lead.state.problem, lead.state.minimum.vector)
+    candidate = best_of(lin, CATALOGUE[SCALE], 2)
+    assert candidate is not None
+    missing = refitted(begun.bench, lead.state, [(candidate, lin)])
+    late = replace(begun.bench, until=0.0)
+    found = _with_second(late, start, lead.state, missing, [lead], linearised(start.problem, start.minimum.vector))
+    assert found is not None and late.late
+    assert [(a.effect.name, a.effect.joint) for a in found[1]] == [(RINGS, 2), (SCALE, 2)]
+    assert found[0] is missing[0].state and reduced_chi2(late, found[0]) < 1.1
+
+
 @pytest.mark.parametrize("names", [False, True])
 def test_no_second_effect_is_looked_for_once_it_is_late(names: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything was tried beside the first, or once `names` were."""
@@ -212,7 +226,7 @@ def test_a_curve_is_taken_only_where_no_name_does_as_well_at_its_minimum(
     named = Tried(candidate, replace(state, select=1000.0 * dof))
     drawn = Tried(Candidate(curve, 0.0, (1.0, 1.0)), replace(state, effects=(curve,), select=0.99 * dof))
     tried = [named, drawn]
-    monkeypatch.setattr(ident.search.rounds, "polished", lambda bench, tried: tried)
+    monkeypatch.setattr(ident.search.rounds, "polished", lambda bench, tried, before: tried)
     monkeypatch.setattr(
         ident.search.rounds, "fully", lambda bench, s: s if s is drawn[1] else replace(s, select=at_minimum * dof)
     )

@@ -281,6 +281,23 @@ def test_behind_a_name_that_leaves_nothing_of_a_little_only_what_may_be_as_good_
     assert _finalists(where(1.8), tried) == (tried if finely else [])
 
 
+@pytest.mark.parametrize(
+    ("rival", "level", "finely"),
+    [
+        (LinkViscous(2, (0.1,)), 1.09, False),  # all that there was before, though little of all without effects
+        (LinkViscous(2, (0.1,)), 1.03, True),
+        (DRY, 1.09, True),  # whose motion is not found in haste
+        (LinkCoulomb(1, (0.0,)), 1.09, False),  # which is none
+    ],
+)
+def test_behind_a_name_that_leaves_nothing_of_what_another_left_none_that_takes_little_of_it_is_fitted_finely(
+    rival: Effect, level: float, finely: bool
+) -> None:
+    """A gain of arm7 left 1.083 of 7.2, eccentricity beside it 0.99: three more that took nothing were fitted for 136 CPU s."""
+    tried = [one(WAVE, 0.99), one(rival, level)]
+    assert _finalists(where(7.2), tried, 1.083 * DOF) == (tried if finely else [])
+
+
 def test_dry_friction_that_curves_draw_alike_in_haste_is_fitted_finely_by_each() -> None:
     """A name leads; a curve that is not dry is as good finely as in haste."""
     tried = [one(DRY, 77.0), one(LOADED, 326.0), one(PLACE, 333.0), one(CURVE, 340.0), one(SLIDING, 700.0)]
