@@ -22,9 +22,9 @@ from symgen.forked import forked
 SURELY, LIKELY, LARGER = 6, 0.5, 1.4
 
 
-def from_declared(bench: Bench, state: State, found: Effect | None) -> list[Tried]:
+def from_declared(bench: Bench, state: State, found: Effect | None, bases: bool = True) -> list[Tried]:
     """The likeliest names beyond the declared arm with the effects of `state`, or the effect that was `found` already: first those that are
-    fitted at once, and only these where one leaves nothing, as promises say little there."""
+    fitted at once, and only these where one leaves nothing, as promises say little there. Soft `bases` where all leave much."""
     declared = linearised(state.problem, as_declared(bench, state))
     tried: list[Tried] = []
     if found is not None:
@@ -45,14 +45,23 @@ def from_declared(bench: Bench, state: State, found: Effect | None) -> list[Trie
     left = max(CLOSE**2 * degrees(bench.split.select), NEARLY * state.select)
     if best is not None and only_shapes(best.candidate.effect) and left_by(best) > left:
         tried += tried_bending(bench, state, declared, lambda effect: same(effect, best.candidate.effect))
-    all_at_once = best is not None and best.candidate.effect.joint is None
-    much = max(BENT * degrees(bench.split.select), MUCH * state.select)
-    if found is None and not all_at_once and all(left_by(one) > much for one in tried):
-        # a soft base, or lock, bends the whole arm, and promises nothing from there
-        tried += tried_bending(
-            bench, state, declared, lambda e: e.joint is None or isinstance(e, LockedJointElasticity)
-        )
+    if found is None and bases:
+        tried += _soft(bench, state, declared, tried)
     return as_it_sticks(bench, state, declared, as_it_moves(bench, tried))
+
+
+def soft_bases(bench: Bench, state: State, tried: Sequence[Tried]) -> list[Tried]:
+    """Soft bases beyond the declared arm with the effects of `state`, where all that was `tried` leaves much."""
+    return _soft(bench, state, linearised(state.problem, as_declared(bench, state)), tried)
+
+
+def _soft(bench: Bench, state: State, declared: Linearised, tried: Sequence[Tried]) -> list[Tried]:
+    """The same; a soft base, or lock, bends the whole arm, and promises nothing from there."""
+    best = min(tried, key=left_by, default=None)
+    much = max(BENT * degrees(bench.split.select), MUCH * state.select)
+    if (best is not None and best.candidate.effect.joint is None) or any(left_by(one) <= much for one in tried):
+        return []
+    return tried_bending(bench, state, declared, lambda e: e.joint is None or isinstance(e, LockedJointElasticity))
 
 
 def _at_once(bench: Bench, state: State, declared: Linearised, names: Sequence[Candidate]) -> list[Tried]:

@@ -65,6 +65,7 @@ from ident.search.trials import (
     at_minimum,
     earned,
     explains,
+    first_names,
     giving,
     hasty,
     likeliest,
@@ -102,10 +103,11 @@ def another(
         if little or any(reduced_chi2(bench, new) <= NAMED for _, new in tried):
             further = [resting(bench, state, lin)]
         else:
-            likely = likely_names(bench, state, lin)
+            likely = first_names(bench, state, lin)
             several = None if bends else at_several_joints(bench, state, likely)
             if several is not None and (kept := _each_in_turn(bench, state, lin, several)) is not None:
                 return kept
+            likely = likely_names(bench, state, lin, likely)
             likely, lead = leading_to_one_more(bench, state, likely)
             two = None if lead is None else _with_second(bench, state, *lead, likely, lin)
             if two is not None:
@@ -152,7 +154,7 @@ def _with_second(
     if bench.late and not missing:
         return None
     there = linearised(lead.problem, lead.minimum.vector)
-    likely = missing or likely_names(bench, lead, there)
+    likely = missing or likely_names(bench, lead, there, first_names(bench, lead, there))
     if bench.late and not missing:
         return None
     further = () if missing else hasty(bench, lead, there, [*likely])

@@ -35,14 +35,21 @@ from ident.search.tried import with_candidates
 #: Share of what there was that a name leaves at most which does some of it; of what the best one leaves, that those of several joints leave
 #: at most which are more than that.
 SOME, FEWER = 0.95, 0.6
+#: Share of the best promise that a name makes which may do some, though alone it leads the arm astray.
+HIDDEN = 0.2
 #: Kinds that are tried at all joints; names that are tried in the place of one, at most.
 KINDS, RIVALS = 2, 2
 
 
 def at_several_joints(bench: Bench, state: State, tried: Sequence[Tried]) -> State | None:
     """The model with names of several joints that leave far less than any one that was `tried` beyond `state`, finely fitted: the best name of each
-    joint where one does some, or one kind at all joints. None where one name leaves little, or they leave much more."""
-    names = [one for one in best_names(tried) if _of_a_joint(one) and left_by(one) < SOME * state.select]
+    joint where one does some, or promises much, or one kind at all joints. None where one name leaves little, or they leave much more."""
+    most = max((one.candidate.gain for one in tried), default=0.0)
+    names = [
+        one
+        for one in best_names(tried)
+        if _of_a_joint(one) and (_does_some(state, one) or one.candidate.gain > HIDDEN * most)
+    ]
     least = min(map(left_by, tried), default=0.0)
     if (
         least <= CLOSE * degrees(bench.split.select)
@@ -95,10 +102,20 @@ def _of_a_joint(one: Tried) -> bool:
     return one.candidate.effect.joint is not None and not only_shares(one.candidate.effect)
 
 
+def _does_some(state: State, one: Tried) -> bool:
+    """Whether a name alone leaves less than there was."""
+    return left_by(one) < SOME * state.select
+
+
 def _likely(bench: Bench, state: State, lin: Linearised, names: Sequence[Tried]) -> Iterator[list[Candidate]]:
     """The best name of each joint, and the kinds of names of more than one joint at all joints that they promise something at; each as large as
     it was found."""
-    found = {one.candidate.key: replace(one.candidate, effect=one.state.effects[-1]) for one in names}
+    found = {
+        one.candidate.key: replace(one.candidate, effect=one.state.effects[-1])
+        if _does_some(state, one)
+        else one.candidate
+        for one in names
+    }
     by_joint: dict[int | None, Candidate] = {}
     for one in found.values():
         by_joint.setdefault(one.effect.joint, one)

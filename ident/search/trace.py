@@ -29,6 +29,8 @@ from ident.records.frf import Complex
 PORTS = ("motor", "spring", "link", "sensor")
 #: Lines of a record, and records about, by which candidates are told where much is left.
 FEW_LINES, FEW_RECORDS = 250, 20
+#: Noise powers at lines that no torque excites from which what acts there is no matter of small motions about a linear arm.
+DISTORTED = 100.0
 #: Relative ridge of a Gauss-Newton step: directions weaker than this are left alone.
 RIDGE = 1e-9
 
@@ -237,6 +239,13 @@ def along(a: Complex, r: Complex) -> tuple[Complex, Array]:
     size = np.maximum(np.sum(np.abs(a) ** 2, axis=1), 1e-300)
     product = np.sum(a.conj() * r, axis=1)
     return product / size, np.abs(product) ** 2 / size
+
+
+def distorts(lin: Linearised) -> bool:
+    """Whether far more than noise is left at lines that no torque excites: what is linear in the motion leaves hardly anything there."""
+    data = zip(lin.problem.data, lin.r, strict=True)
+    powers = [np.abs(r[one.use & ~one.is_excited]) ** 2 for one, r in data]
+    return sum(power.sum() for power in powers) > DISTORTED * max(sum(power.size for power in powers), 1)
 
 
 def port_shares(lin: Linearised, low: float = 0.0, high: float = np.inf) -> tuple[tuple[str, int, float], ...]:

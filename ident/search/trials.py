@@ -30,7 +30,7 @@ from ident.search.choice import (
 from ident.search.contact import as_it_sticks, balanced, besides, rubbing, rubbing_anew
 from ident.search.curves import curves, resonances, responses
 from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
-from ident.search.from_declared import as_it_moves, from_declared, tried_bending
+from ident.search.from_declared import as_it_moves, from_declared, soft_bases, tried_bending
 from ident.search.minima import LEAST_GAIN, afresh, elsewhere, fully, told, wound_up
 from ident.search.refits import (
     BENT,
@@ -49,7 +49,7 @@ from ident.search.refits import (
     reduced_chi2,
 )
 from ident.search.shapes import ringing
-from ident.search.trace import Linearised
+from ident.search.trace import Linearised, distorts
 from ident.search.tried import by_few_lines, refitted, with_candidate
 from ident.search.whole_numbers import last_otherwise, otherwise_if_left
 
@@ -94,15 +94,24 @@ def promising(bench: Bench, likely: Sequence[Candidate], fall: float) -> list[Ca
     return [c for c in likely if c.gain > least]
 
 
-def likely_names(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
+def first_names(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
     """The likeliest names beyond `state`, linearised in `lin`, hastily refitted; where the fit is very far off from the arm that a
-    fit begins at, and from the declared one, too, if that is another and all leave much from there."""
-    if reduced_chi2(bench, state) > FAR:
-        names = from_declared(bench, state, None)
-        if bench.declared is not None and all(left_by(one) > MUCH * state.select for one in names):
-            names += from_declared(replace(bench, guess=bench.declared), state, None)
-        return leader_finely(bench, names)
-    return _from_fitted(bench, state, lin)
+    fit begins at: no soft bases where something distorts, as these do not."""
+    if reduced_chi2(bench, state) <= FAR:
+        return _from_fitted(bench, state, lin)
+    return leader_finely(bench, from_declared(bench, state, None, bases=not distorts(lin)))
+
+
+def likely_names(bench: Bench, state: State, lin: Linearised, first: list[Tried]) -> list[Tried]:
+    """The `first` names, and others where the fit is very far off and these leave much: soft bases, and names from the declared arm if
+    fits begin at another."""
+    if reduced_chi2(bench, state) <= FAR:
+        return first
+    names = [*first, *(soft_bases(bench, state, first) if distorts(lin) else [])]
+    if bench.declared is not None and all(left_by(one) > MUCH * state.select for one in names):
+        names += from_declared(replace(bench, guess=bench.declared), state, None, bases=not distorts(lin))
+        names = leader_finely(bench, names)
+    return names
 
 
 def hasty(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> Iterator[list[Tried]]:

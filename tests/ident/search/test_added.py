@@ -176,7 +176,8 @@ def test_an_effect_to_which_another_only_led_is_told_by_what_the_arm_without_bot
 ) -> None:
     lead, alone, before = state(60.0, DELAY), state(0.9, DRY), SimpleNamespace(of="the arm without both")
     fakes = {
-        "linearised": lambda *of: SimpleNamespace(of="the lead"), "hasty": lambda *of: (), "likely_names": lambda *of: (),
+        "linearised": lambda *of: SimpleNamespace(of="the lead"), "hasty": lambda *of: (), "first_names": lambda *of: (),
+        "likely_names": lambda *of: (),
         "_best": lambda *of: (None, []), "_entered": lambda *of: (state(0.9, DELAY, DRY), entry(DRY)),
         "earned": lambda bench, less, new: less is not alone, "left_without": lambda *of: alone,
         "_entry": lambda bench, less, new, gain, tried, lin, effect: lin,

@@ -121,7 +121,8 @@ def test_no_second_effect_is_looked_for_once_it_is_late(names: bool, monkeypatch
         problem=None, roughly=1.0, minimum=SimpleNamespace(vector=None, chi2=0.0), effects=(LinkCoulomb(1, (0.1,)),)
     )
     monkeypatch.setattr(ident.search.rounds, "linearised", lambda *of: asked.append("linearised"))
-    monkeypatch.setattr(ident.search.rounds, "likely_names", likely)
+    monkeypatch.setattr(ident.search.rounds, "first_names", likely)
+    monkeypatch.setattr(ident.search.rounds, "likely_names", lambda bench, state, lin, first: first)
     monkeypatch.setattr(ident.search.rounds, "hasty", lambda *of: pytest.fail("looked for"))
     tried: Any = [Tried(SimpleNamespace(effect=nothing.effects[0], key="rubs"), nothing)]  # type: ignore[arg-type]
     assert _with_second(bench, nothing, nothing, (), tried, nothing) is None

@@ -34,8 +34,8 @@ def state(level: float, *effects: Effect, roughly: float = HASTILY) -> Any:
     return SimpleNamespace(select=level * DOF, effects=effects, roughly=roughly, problem=None, scales=scales)
 
 
-def one(effect: Effect, level: float) -> Tried:
-    return Tried(Candidate(effect, 50.0, tuple(1.0 for _ in effect.values)), state(level, effect))
+def one(effect: Effect, level: float, gain: float = 50.0, found: Effect | None = None) -> Tried:
+    return Tried(Candidate(effect, gain, tuple(1.0 for _ in effect.values)), state(level, found or effect))
 
 
 @pytest.fixture(autouse=True)
@@ -88,12 +88,20 @@ def test_the_best_name_of_each_joint_and_one_kind_at_all_joints_are_tried(monkey
     assert found is not None and found.effects == asked[1] and found.roughly == FINELY
 
 
+def test_what_promises_much_is_tried_with_others_though_alone_it_leads_astray(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the size that it promised: what it was fitted to alone is bent by the others."""
+    asked = leave(monkeypatch, [1.0])
+    astray = one(STRIBECK, 400.0, 11.0, MotorStribeck(1, (9.0, 0.0, 5.0)))
+    found = at_several_joints(BENCH, state(100.0), [one(COULOMB, 90.0), astray])
+    assert found is not None and asked[0] == (COULOMB, STRIBECK)
+
+
 @pytest.mark.parametrize(
     ("tried", "levels"),
     [
         ([one(COULOMB, 50.0), one(HARD, 60.0)], [35.0]),  # they leave more than a share of what one does
         ([one(COULOMB, 2.0), one(HARD, 60.0)], None),  # one leaves little
-        ([one(COULOMB, 50.0), one(HARD, 97.0)], None),  # the other does hardly anything
+        ([one(COULOMB, 50.0), one(HARD, 97.0, 9.0)], None),  # the other does hardly anything, nor promises it
         ([one(COULOMB, 50.0), one(MotorStribeck(0, (0.1, 0.05, 2.0)), 60.0)], None),  # both at one joint
         ([], None),
     ],

@@ -31,7 +31,7 @@ from ident.records.frf import estimate
 from ident.search.candidates import Candidate, added, as_strong, best_of, catalogue, otherwise, surest
 from ident.search.curves import responses, wave
 from ident.search.periods import Spectrum, spectrum
-from ident.search.trace import Linearised, linearise, port_shares
+from ident.search.trace import Linearised, distorts, linearise, port_shares
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
@@ -153,6 +153,16 @@ def test_a_plainer_friction_is_as_strong_as_the_one_it_is_to_replace(peak: float
     strong = as_strong(lin, candidate, MotorStribeck(1, (0.02, peak, 5.0))).effect
     assert least * 0.02 * (1 - 1e-9) <= strong["level"] <= most * 0.02 * (1 + 1e-9)
     assert as_strong(lin, candidate, TorqueOffset(1, (0.0,))) == candidate  # what does nothing
+
+
+def test_what_is_left_at_lines_that_nothing_excites_distorts() -> None:
+    """Not what is left at excited ones, however much."""
+    one = SimpleNamespace(use=np.array([True, True, True, False]), is_excited=np.array([True, False, False, False]))
+    left = np.array([[1e3], [12.0], [12.0], [1e3]])
+    lin: Any = SimpleNamespace(problem=SimpleNamespace(data=[one]), r=[left])
+    assert distorts(lin)
+    lin.r = [np.where(left == 12.0, 8.0, left)]
+    assert not distorts(lin)
 
 
 def test_links_that_an_effect_carries_are_no_sizes_of_it() -> None:

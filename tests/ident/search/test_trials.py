@@ -55,6 +55,7 @@ from ident.search.trials import (
     _nearest_finely,
     _ringing,
     ahead,
+    first_names,
     likeliest,
     likely_names,
     outshines,
@@ -379,6 +380,7 @@ def test_a_force_of_fewer_parameters_is_taken_where_it_does_as_much(
     BENCH.workers = 1
     monkeypatch.setattr(ident.search.naming, "standing", lambda bench, state, keep: (plain, None))
     monkeypatch.setattr(ident.search.naming, "beyond_noise", lambda state, lin: beyond)
+    monkeypatch.setattr(ident.search.naming, "as_strong", lambda lin, candidate, effect: candidate)
     monkeypatch.setattr(ident.search.naming, "catalogue", lambda *of, at: [found[0], likely[0], unlikely[0]])
     monkeypatch.setattr(
         ident.search.naming, "refitted", lambda bench, state, short: [refits[c.effect.name] for c, _ in short]
@@ -640,7 +642,7 @@ def test_the_declared_arm_is_tried_where_a_better_one_leads_nowhere(
 ) -> None:
     seen = []
 
-    def from_declared(bench: Any, state: State, found: Effect | None) -> list[Tried]:
+    def from_declared(bench: Any, state: State, found: Effect | None, bases: bool) -> list[Tried]:
         seen.append(bench.guess)
         return [one(DRY, left)]
 
@@ -650,8 +652,31 @@ def test_the_declared_arm_is_tried_where_a_better_one_leads_nowhere(
         {"guess": "unbent", "declared": "declared"} if unbent else {"guess": "declared", "declared": None}
     )
     monkeypatch.setattr(ident.search.trials, "replace", lambda bench, **new: SimpleNamespace(**vars(bench) | new))
-    names = likely_names(SimpleNamespace(**vars(BENCH) | own), one(DRY, level)[1], SimpleNamespace())  # type: ignore[arg-type]
+    monkeypatch.setattr(ident.search.trials, "distorts", lambda lin: False)
+    bench, state, lin = SimpleNamespace(**vars(BENCH) | own), one(DRY, level)[1], SimpleNamespace()
+    first = first_names(bench, state, lin)  # type: ignore[arg-type]
+    assert seen == tried[:1]
+    names = likely_names(bench, state, lin, first)  # type: ignore[arg-type]
     assert seen == tried and len(names) == len(tried)
+
+
+@pytest.mark.parametrize("distorted", [False, True])
+def test_soft_bases_come_last_where_something_distorts(distorted: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction at six joints: soft bases, which distort nothing, took the time of ten names before it was tried at all joints."""
+    trials, base = ident.search.trials, one(LinkViscous(None, (1.0,)), 800.0)
+    asked: list[bool] = []
+
+    def from_declared(bench: Any, state: State, found: Effect | None, bases: bool) -> list[Tried]:
+        asked.append(bases)
+        return [one(DRY, 900.0), *([base] if bases else [])]
+
+    monkeypatch.setattr(trials, "from_declared", from_declared)
+    monkeypatch.setattr(trials, "soft_bases", lambda bench, state, tried: [base])
+    monkeypatch.setattr(trials, "distorts", lambda lin: distorted)
+    bench, state, lin = SimpleNamespace(**vars(BENCH) | {"declared": None}), one(DRY, 2000.0)[1], SimpleNamespace()
+    first = first_names(bench, state, lin)  # type: ignore[arg-type]
+    names = likely_names(bench, state, lin, first)  # type: ignore[arg-type]
+    assert asked == [not distorted] and (base in first) != distorted and names.count(base) == 1
 
 
 @pytest.mark.parametrize(("lefts", "asked"), [((1.65, 0.93), 2), ((0.95, 0.93), 1), ((1.65, 1.6), 2)])
