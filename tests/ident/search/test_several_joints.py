@@ -91,6 +91,7 @@ def test_the_best_name_of_each_joint_and_one_kind_at_all_joints_are_tried(monkey
 def test_what_promises_much_is_tried_with_others_though_alone_it_leads_astray(monkeypatch: pytest.MonkeyPatch) -> None:
     """From the size that it promised: what it was fitted to alone is bent by the others."""
     asked = leave(monkeypatch, [1.0])
+    monkeypatch.setattr(ident.search.several_joints, "is_clear", lambda bench, state, effect: True)
     astray = one(STRIBECK, 400.0, 11.0, MotorStribeck(1, (9.0, 0.0, 5.0)))
     found = at_several_joints(BENCH, state(100.0), [one(COULOMB, 90.0), astray])
     assert found is not None and asked[0] == (COULOMB, STRIBECK)
