@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.arm.acting import Moved, Slid, acting, differences, linear_part, moved
-from ident.arm.arm_model import DRIVES, Extra, Parameters, by_impedance, motion_and_derivatives, transfer
+from ident.arm.arm_model import DRIVES, Extra, Parameters, by_impedance, motion_and_derivatives, parameters_at, transfer
 from ident.arm.evidence import Evidence
 from ident.arm.scene import Scene, in_record, known, linear_extra
 from ident.arm.sliding import TURNS
@@ -107,7 +107,7 @@ class Problem:
         return (k >= 2 * self.n) & (k < 4 * self.n)
 
     def parameters(self, vector: Array) -> Parameters:
-        return Parameters.of(vector[: self.base], self.n, self.D)
+        return parameters_at(np.asarray(vector[: self.base], dtype=float).tobytes(), self.n, self.D)
 
     def effects_at(self, vector: Array) -> tuple[Effect, ...]:
         found, k = [], self.base

@@ -50,6 +50,15 @@ class Parameters:
         return Parameters(K, J_m, D_motor, D_spring, vector[4 * n : 4 * n + D], vector[4 * n + D :])
 
 
+@lru_cache(maxsize=16)  # chi^2 of a step is asked, and then its derivatives
+def parameters_at(vector: bytes, n: int, D: int) -> Parameters:
+    """`Parameters.of` the numbers of `vector`, read-only, and the same ones when they are asked again."""
+    found = Parameters.of(np.frombuffer(vector), n, D)
+    for drive in DRIVES:
+        getattr(found, drive).setflags(write=False)
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class Posture:
     """What an arm is at one posture, `live` joints [m] only: the others are clamped, motor and link.
@@ -199,19 +208,18 @@ def _sums(f: bytes, fs: float, near: int, count: int) -> Complex:
 @dataclass(frozen=True, eq=False)
 class _Powers:
     """An arm's response to torques by powers of 1/s: `b` [2 + k, 2m, m] of (theta / N, q), from s^0 on, `sloped` of which from s^-2 on
-    suffice for derivatives; `near` aliases on each side are too near to the poles for that. Accelerations by forces, `mobility`,
-    by places and by rates [2m, 2m]."""
+    suffice for derivatives; `near` aliases on each side are too near to the poles for that. Accelerations by forces, `mobility`
+    [2m, 2m], and by places and rates, `back` [2m, 4m]: of one power by the two before."""
 
     near: int
     b: Array
     powers: Array
     sloped: int
     mobility: Array
-    by_place: Array
-    by_rate: Array
+    back: Array
 
 
-@lru_cache(maxsize=4)  # where an effect alone is changed, the arm stays as it is
+@lru_cache(maxsize=64)  # of all records; where an effect alone is changed, the arm stays as it is
 def _by_powers(arm: Posture, p: Parameters, fs: float, top: float, most: int) -> _Powers:
     """Of the arm sampled at `fs` [Hz], at lines up to `top` [Hz]; at most `most` aliases on each side are near. `powers` [k, m, m] are
     its measured angles from s^-2 on.
@@ -234,11 +242,11 @@ def _by_powers(arm: Posture, p: Parameters, fs: float, top: float, most: int) ->
     ratio = poles / ((near + 1) * fs - top)
     count, sloped = (1 if CONVERGES * ratio > 1.0 else 1 + int(np.ceil(np.log(accuracy) / np.log(ratio)))
                      for accuracy in (ALIAS_ACCURACY, SLOPE_ACCURACY))  # fmt: skip
-    b = np.zeros((2 + count, 2 * m, m))
+    b, back = np.zeros((2 + count, 2 * m, m)), generator[2 * m :]
     b[2] = mobility[:, :m] * N
     for j in range(3, 2 + count):
-        b[j] = -by_rate @ b[j - 1] - by_place @ b[j - 2]
-    return _Powers(near, b, N[:, None] * b[2:, :m], sloped, mobility, by_place, by_rate)
+        np.matmul(back, b[j - 2 : j].reshape(4 * m, m), out=b[j])
+    return _Powers(near, b, N[:, None] * b[2:, :m], sloped, mobility, back)
 
 
 def _slopes_by_powers(arm: Posture, p: Parameters, told: _Powers) -> Array:
@@ -258,7 +266,7 @@ def _slopes_by_powers(arm: Posture, p: Parameters, told: _Powers) -> Array:
     forces[2:, m:, alphas:] = np.einsum("abd,jbc->jadc", arm.K_rows, place[:, m:])
     db = -(told.mobility @ forces.reshape(2 + sloped, 2 * m, -1))
     for j in range(3, 2 + sloped):
-        db[j] -= told.by_rate @ db[j - 1] + told.by_place @ db[j - 2]
+        db[j] += told.back @ db[j - 2 : j].reshape(4 * m, -1)
     slopes = N[:, None, None] * db[2:, :m].reshape(sloped, m, -1, m)
     return np.moveaxis(slopes, 3, 1).reshape(sloped * m, -1)
 

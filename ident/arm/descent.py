@@ -209,8 +209,11 @@ def _step(problem: Problem, vector: Array, slope: Array, information: Array, dam
     most = np.where(missed, np.maximum(size, 1.0), size)
     y, held = np.zeros(len(free)), np.zeros(len(free), dtype=bool)
     while not held.all():
-        pushed = down[~held] + matrix[np.ix_(~held, held)] @ y[held]
-        y[~held] = -np.linalg.solve(matrix[np.ix_(~held, ~held)], pushed)
+        if not held.any():
+            y = -np.linalg.solve(matrix, down)
+        else:
+            pushed = down[~held] + matrix[np.ix_(~held, held)] @ y[held]
+            y[~held] = -np.linalg.solve(matrix[np.ix_(~held, ~held)], pushed)
         beyond = np.maximum(y / most, y / least)
         if not beyond.max() > 1.0 + ROUNDING:
             break

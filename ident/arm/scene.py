@@ -9,7 +9,7 @@ from functools import cached_property, reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.arm.arm_model import Extra, Parameters, Posture, hold_gain
+from ident.arm.arm_model import NOTHING, Extra, Parameters, Posture, hold_gain
 from ident.arm.strays import strays
 from ident.effects.base import Effect, Known
 from ident.effects.motion import CREEP
@@ -158,6 +158,8 @@ def in_record(p: Parameters, effects: Sequence[Effect], record: int) -> Paramete
 
 def linear_extra(scene: Scene, p: Parameters, effects: Sequence[Effect]) -> Extra:
     """Impedances and gains of `effects` at the lines."""
+    if not effects:
+        return NOTHING
     live, s = scene.arm.live, scene.s
     arm = known(scene, p)
     giving = [e for e in effects if isinstance(e, Giving)]

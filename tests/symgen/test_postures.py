@@ -116,12 +116,15 @@ def test_the_same_arm_gives_the_same_plan_by_any_number_of_processes(
         assert one.d_efficiency == two.d_efficiency
 
 
-SMALL = (("paper", "quick"), ("ypp3_general", "full"))
+SMALL = (("paper", "quick"), ("ypp3_general", "quick"))
 
 
 @pytest.mark.parametrize(
     "plans",
-    [SMALL, pytest.param((("ur5", "quick"), ("panda", "quick")), marks=pytest.mark.bench)],
+    [
+        SMALL,
+        pytest.param((("ypp3_general", "full"), ("ur5", "quick"), ("panda", "quick")), marks=pytest.mark.bench),
+    ],
     ids=["small", "large"],
 )
 def test_another_processor_gives_the_same_plan(plans: tuple[tuple[str, Effort], ...]) -> None:
@@ -351,18 +354,19 @@ def shifted(body: Inertia, across: float) -> Inertia:
 
 
 def test_spare_cells_of_a_general_model_add_what_is_known_least() -> None:
-    design = designed("ur5")
-    rows = rows_of("ur5")
+    design = designed("panda")
+    rows = rows_of("panda")
     F = rows.of_cells(Cells(design.joint, design.q))
     needed: NDArray[np.bool_] = ~design.spare
 
     def worst(chosen: np.ndarray) -> float:
-        everywhere = rows(postures(arm("ur5"), 500))
+        everywhere = rows(postures(arm("panda"), 500))
         return float(np.einsum("mid,de,mie->mi", everywhere, np.linalg.inv(chosen.T @ chosen), everywhere).max())
 
     random = [
-        rows.of_cells(Cells(np.random.default_rng(s).integers(0, 6, 7), postures(arm("ur5"), 7, s))) for s in range(5)
+        rows.of_cells(Cells(np.random.default_rng(s).integers(0, 7, 10), postures(arm("panda"), 10, s)))
+        for s in range(5)
     ]
     assert worst(F) < 0.9 * worst(F[needed])
     assert worst(F) < min(worst(np.concatenate([F[needed], more])) for more in random)
-    assert design.d_efficiency_all > 0.943, "0.939 before they are moved"
+    assert design.d_efficiency_all > 0.92, "0.917 before they are moved"

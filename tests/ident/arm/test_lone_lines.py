@@ -28,7 +28,7 @@ def model() -> Model:
 
 
 def few() -> Campaign:
-    return replace(diagnosed.campaign(0.0), records=diagnosed.campaign(0.0).records[3:])
+    return replace(diagnosed.campaign(0.0), records=diagnosed.campaign(0.0).records[1::2])
 
 
 def hums(campaign: Campaign, signal: str, frequency: float, share: float, records: int = 99) -> Campaign:
@@ -54,7 +54,7 @@ def fitted(campaign: Campaign) -> CoupledFit:
 
 def test_an_arm_is_fitted_without_the_line_of_a_tone() -> None:
     plain = few()
-    campaign = hums(plain, "tau", 49.0, 0.1)
+    campaign = hums(plain, "tau", 49.0, 0.02)
     fit, other = fitted(campaign), fitted(plain)
     assert fit.explained and not left_out(plain, other.responses)
     assert left_out(campaign, fit.responses)[0].startswith("Left out, in all records and all errors: 49 Hz.")

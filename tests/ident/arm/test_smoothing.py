@@ -40,7 +40,17 @@ LINKS = chain_of_robot(load_robot(ROBOTS / "ypp3"))
     ("effect", "joint", "f0", "fs", "measured", "smoothed"),
     [
         pytest.param(MotorCoulomb(0, (4e-3,)), "joint2", 1.0, 500.0, 2.0, 1.15, id="a motor that sticks"),
-        pytest.param(MotorCoulomb(1, (3e-2,)), "joint2", 1.0, 1e3, 10.0, 1.1, id="a motor that stops and turns often"),
+        # it is so beside what drags in another test
+        pytest.param(
+            MotorCoulomb(1, (3e-2,)),
+            "joint2",
+            1.0,
+            1e3,
+            10.0,
+            1.1,
+            id="a motor that stops and turns often",
+            marks=pytest.mark.bench,
+        ),
         pytest.param(
             MotorStribeck(0, (5e-3, 3e-2, 2.0)), "joint1", 2.0, 1e3, 2.0, 1.2, id="periods that differ near standstill"
         ),
@@ -59,13 +69,31 @@ LINKS = chain_of_robot(load_robot(ROBOTS / "ypp3"))
         pytest.param(
             LinkCoulomb(1, (0.4,)), "joint2", 0.5, 1e3, 1.03, 1.0, id="a link that slides", marks=pytest.mark.bench
         ),
-        pytest.param(SpringHardening(1, (3e7,)), "joint2", 1.0, 500.0, 100.0, 1.15, id="a spring under load"),
+        # the next one hardens more
+        pytest.param(
+            SpringHardening(1, (3e7,)),
+            "joint2",
+            1.0,
+            500.0,
+            100.0,
+            1.15,
+            id="a spring under load",
+            marks=pytest.mark.bench,
+        ),
         # motions that turns lead to leave 213 times the noise
         pytest.param(
             SpringHardening(0, (2.5e10,)), "joint1", 1.0, 1e3, 100.0, 1.0, id="a spring that hardens threefold"
         ),
+        # it is so under another torque in the test of two effects
         pytest.param(
-            LoadDependentFriction(0, (0.4,)), "joint1", 1.0, 500.0, 4.0, 1.0, id="a link that rubs by the load it makes"
+            LoadDependentFriction(0, (0.4,)),
+            "joint1",
+            1.0,
+            500.0,
+            4.0,
+            1.0,
+            id="a link that rubs by the load it makes",
+            marks=pytest.mark.bench,
         ),
     ],
 )

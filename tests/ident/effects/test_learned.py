@@ -333,7 +333,7 @@ def test_a_law_that_comes_back_is_found_with_its_period(name: str, values: tuple
 def test_an_encoder_misreads_by_its_curve() -> None:
     kind = learned("sensor", "reading", [0.0, 1.0])
     error = kind(JOINT, (2e-3, 4e-3))
-    motion = left("encoder-waves", 2e-3, 5.0).motions["motor"][0]
+    motion = left("detent", 2e-3, TEETH, 0.4).motions["motor"][0]
     theta = motion.signal("theta", JOINT)
     found = error.reading(motion)
     assert found is not None and kind.parameters[0].unit == "rad" and not kind.parameters[0].relative

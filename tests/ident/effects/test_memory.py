@@ -29,7 +29,7 @@ from symgen.plan import chain_of_robot
 from symgen.robot import load_robot
 
 ROBOT = load_robot(Path(__file__).parents[3] / "robots" / "ypp3")
-SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=3, fs=1000.0))
+SHORT = replace(ROBOT, experiment=replace(ROBOT.experiment, f0=2.0, periods=3, fs=500.0))
 JOINT, RESTS = 1, (-1.1, 0.31)
 THRESHOLDS = (0.05, 0.3, 0.9, 0.1, 1.0)
 

@@ -191,7 +191,9 @@ def advised(found: Examination, joint: str) -> str | None:
     return next((finding.remedy for finding in found.findings if finding.what.startswith(words)), None)
 
 
-@pytest.mark.parametrize("D_spring", [0.7, 0.33, 0.11, 0.05])
+@pytest.mark.parametrize(
+    "D_spring", [0.7, 0.05, *(pytest.param(between, marks=pytest.mark.bench) for between in (0.33, 0.11))]
+)
 def test_the_spacing_advised_is_one_that_robot_toml_may_have_and_that_helps(D_spring: float, tmp_path: Path) -> None:
     """Excited lines are odd, two spacings apart; D_spring = 0.7 makes the anti-resonance 0.16 Hz wide."""
     change = ("D_spring_Nms_per_rad = 1.1", f"D_spring_Nms_per_rad = {D_spring}")

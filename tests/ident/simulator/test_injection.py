@@ -231,9 +231,10 @@ def declared(name: str) -> tuple[Robot, Chain, Model]:
         ("arm6", "joint3", "rigid", ["locked-joint-elasticity:stiffness=60000,damping=0.001@joint2", "base-compliance:rock=180000,turn=180000,damping=0.001"]),
         ("arm6", "joint3", "rigid", ["locked-joint-elasticity:stiffness=11000,damping=0.001@joint5", "attached-resonator:inertia=0.02,frequency=40@joint5"]),
         ("arm6", "joint2", "dob", ["link-flexibility:stiffness=180000@joint2", "link-flexibility:stiffness=96000@joint3"]),
-        ("ypp3", "joint2", "dob", ["base-compliance:rock=60000,turn=60000", "link-flexibility:stiffness=15000@joint2"]),
+        # the last case has each of both pairs, and more
+        pytest.param("ypp3", "joint2", "dob", ["base-compliance:rock=60000,turn=60000", "link-flexibility:stiffness=15000@joint2"], marks=pytest.mark.bench),
         ("ypp3", "joint2", "dob", ["base-compliance:rock=60000,turn=60000", "attached-resonator:inertia=0.03,frequency=40@joint2"]),
-        ("ypp3", "joint2", "dob", ["attached-resonator:inertia=0.03,frequency=40@joint3", "link-flexibility:stiffness=15000@joint2"]),
+        pytest.param("ypp3", "joint2", "dob", ["attached-resonator:inertia=0.03,frequency=40@joint3", "link-flexibility:stiffness=15000@joint2"], marks=pytest.mark.bench),
         ("ypp3", "joint2", "dob", ["attached-resonator:inertia=0.03,frequency=40@joint2", "link-flexibility:stiffness=15000@joint2"]),
         ("ypp3", "joint2", "dob", ["link-flexibility:stiffness=15000@joint3", "attached-resonator:inertia=0.03,frequency=40@joint3",
                                    "link-flexibility:stiffness=15000,across=1@joint2", "base-compliance:rock=60000,turn=60000"]),
