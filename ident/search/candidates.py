@@ -244,6 +244,30 @@ def as_strong(lin: Linearised, one: Candidate, as_: Effect) -> Candidate:
     return larger(one, along / size) if along > 0.0 else one
 
 
+def sized_together(lin: Linearised, some: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates beside each other, each as large as fits best to first order beside all others: what acts at every joint hides in each alone.
+    Without those that are beyond their bounds then; shapes are as they were."""
+    columns: list[list[Complex | None]] = []
+    places: list[tuple[int, int, float]] = []
+    for at, one in enumerate(some):
+        kind = type(one.effect)
+        for k in _sizes_of(kind):
+            only = only_size(kind, one.effect.values, k)
+            only[k] = (one.effect.values[k] or one.scales[k]) * (1.0 if kind.parameters[k].linear else SMALL)
+            columns.append(added(lin, one.effect.with_values(only)))
+            places.append((at, k, only[k]))
+    values = [list(one.effect.values) for one in some]
+    for (at, k, unit), size in zip(places, lin.step(columns)[0], strict=True):
+        values[at][k] = float(size * unit)
+    beside = []
+    for one, sized in zip(some, values, strict=True):
+        kind = type(one.effect)
+        allowed = _allowed(kind, sized, units(lin, kind, one.effect.joint))
+        if allowed is not None:
+            beside.append(replace(one, effect=one.effect.with_values(allowed)))
+    return beside
+
+
 def smallest(lin: Linearised, kind: type[Effect], joint: int | None) -> Candidate:
     """An effect of this kind as small as is plausible, whatever it promises."""
     unit = units(lin, kind, joint)

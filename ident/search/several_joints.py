@@ -9,7 +9,7 @@ from dataclasses import replace
 from ident.arm.parts import degrees
 from ident.effects.base import Effect, only_shares
 from ident.effects.catalogue import CATALOGUE
-from ident.search.candidates import Candidate, as_strong, best_of, catalogue, nearer, smallest
+from ident.search.candidates import Candidate, as_strong, best_of, catalogue, nearer, sized_together, smallest
 from ident.search.choice import DOUBT, TIE, Tried, as_much, best_names, left_by
 from ident.search.from_declared import LIKELY
 from ident.search.minima import told
@@ -58,9 +58,8 @@ def at_several_joints(bench: Bench, state: State, tried: Sequence[Tried]) -> Sta
     ):
         return None
     lin = linearised(state.problem, as_declared(bench, state))
-    models = list(
-        all_fitted(bench, [with_candidates(state, names, lin) for names in _likely(bench, state, lin, names)])
-    )
+    likely = [sized_together(lin, beside) for beside in _likely(bench, state, lin, names)]
+    models = list(all_fitted(bench, [with_candidates(state, beside, lin) for beside in likely]))
     for new in models:
         bench.say(
             f"  at once, {' and '.join(map(told, new.effects[len(state.effects) :]))}: {reduced_chi2(bench, new):.4g}"

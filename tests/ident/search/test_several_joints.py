@@ -48,6 +48,7 @@ def _numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(here, "as_declared", lambda bench, state: None)
     monkeypatch.setattr(here, "linearised", lambda problem, vector: None)
     monkeypatch.setattr(here, "nearer", lambda lin, candidate: candidate)
+    monkeypatch.setattr(here, "sized_together", lambda lin, some: some)
     monkeypatch.setattr(here, "with_candidates", lambda state, some, lin: tuple(c.effect for c in some))
     monkeypatch.setattr(
         here, "fitted", lambda bench, refit: state(0.5 * refit.select / DOF, *refit.effects, roughly=FINELY)

@@ -22,13 +22,13 @@ from ident.arm.scene import linear_extra
 from ident.effects.base import Effect
 from ident.effects.carried import carrying
 from ident.effects.catalogue import CATALOGUE
-from ident.effects.friction import MotorCoulomb, MotorStribeck
+from ident.effects.friction import LinkViscous, MotorCoulomb, MotorStribeck
 from ident.effects.motor import TorqueOffset
 from ident.effects.response import Response, response
 from ident.effects.sensor import JointZeroOffset
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import estimate
-from ident.search.candidates import Candidate, added, as_strong, best_of, catalogue, otherwise, surest
+from ident.search.candidates import Candidate, added, as_strong, best_of, catalogue, otherwise, sized_together, surest
 from ident.search.curves import responses, wave
 from ident.search.periods import Spectrum, spectrum
 from ident.search.trace import Linearised, distorts, linearise, port_shares
@@ -271,3 +271,14 @@ def test_an_effect_of_the_arm_alone_is_promised_in_an_arm_of_one_joint(monkeypat
     assert {one for one in asked(1) if one[1] is None} == arm and ("torque-lag", 0) in asked(1)
     assert asked(1, BASE) == asked(1) - {("base-compliance", None)}
     assert asked(2) >= arm | {("torque-lag", 0), ("torque-lag", 1), ("torque-lag", None)}
+
+
+def test_what_acts_at_several_joints_is_sized_beside_each_other() -> None:
+    """To first order all are right at once, and one that is none is nothing or, where it would have to push, left out; alone the second is not."""
+    lin = explained((), (LinkViscous(1, (1e-2,)), LinkViscous(2, (0.4,))))
+    found = sized_together(lin, [Candidate(LinkViscous(joint, (1.0,)), 1.0, (1.0,)) for joint in (0, 1, 2)])
+    sizes = {one.effect.joint: one.effect["damping"] for one in found}
+    alone = best_of(lin, LinkViscous, 1)
+    assert sizes[1] == pytest.approx(1e-2, rel=0.01) and sizes[2] == pytest.approx(0.4, rel=0.01)
+    assert sizes.get(0, 0.0) < 1e-4
+    assert alone is not None and abs(alone.effect["damping"] - 1e-2) > 1e-3
