@@ -17,7 +17,7 @@ from ident.search.refits import Bench, State, begun
 #: Times that records are read anew, from such a distance [rad or m] on, and by how much chi^2 must fall for that.
 PLACES, SAGGED, LEAST = 4, 2e-3, 1.0
 #: Times that lines are left out: a tone that bends the arm less stands alone once a larger one is gone.
-TONES = 3
+TONES = 5
 
 #: What is begun with: responses, their evidence and bench, and the arm without effects.
 Beginning = tuple[tuple[Frf, ...], tuple[Evidence, ...], Bench, State]
