@@ -175,16 +175,17 @@ def _with_second(
 def _each_in_turn(bench: Bench, state: State, lin: Linearised, found: State) -> tuple[State, list[Added]] | None:
     """The model `found` with effects more than `state`, linearised in `lin`, each once more beside all others, as if it were found last: what does
     as much may be in its place, unless all is noise with it that is none without it, and none is kept that earns nothing there. None if none is."""
-    added: list[Added] = []
+    rows: list[tuple[State, State, float, list[Tried], Linearised, Effect]] = []
     first, names = found, found.effects[len(state.effects) :]
     for effect, less in zip(names, without_each(bench, found, names), strict=True):
         k = next(k for k, e in enumerate(found.effects) if same(e, effect))
+        if bench.late:  # then what they do together has to do
+            rows.append((state, found, state.select - found.select, [], lin, found.effects[k]))
+            continue
         unchanged = set(found.effects) == set(first.effects)
         found = reordered(bench, found, with_last(found, k))
-        far = found.select < AHEAD * less.select < np.inf
-        if bench.late:  # then what they do together has to do
-            less = state
-        elif not (unchanged and far):
+        far = found.select < AHEAD * less.select
+        if not (unchanged and far):
             less = left_without(bench, found, effect)
         some = reduced_chi2(bench, found) > CLOSE and found.select < SOME * less.select
         if not (some or earned(bench, less, found)):
@@ -192,17 +193,19 @@ def _each_in_turn(bench: Bench, state: State, lin: Linearised, found: State) -> 
             continue
         own = Tried(Candidate(found.effects[-1], 0.0, found.scales[-len(effect.values) :]), found)
         others, here = list[Tried](), lin
-        stands = bench.late or (far and reduced_chi2(bench, found) <= NAMED)
+        stands = far and reduced_chi2(bench, found) <= NAMED
         if not stands:
             plain, here = standing(bench, found, but_last(found))
             others = refitted(bench, plain, instead_of(bench, plain, here, own.candidate))
-        clear = bench.late or (stands and is_clear(bench, found, found.effects[-1]))
+        clear = stands and is_clear(bench, found, found.effects[-1])
         best = plainest(bench, [own if clear else plainer(bench, own, CLOSE), *others])
         if any(best is one for one in others):
             best = plainest(bench, [own, best.refitted(finer(bench, best.state))])
         found = best.state
-        gain = less.select - found.select
-        added.append(_entry(bench, less, found, gain, [own, *others], here, found.effects[-1], coarsely=True))
+        rows.append((less, found, less.select - found.select, [own, *others], here, found.effects[-1]))
+    states = {id(one): one for row in rows for one in row[:2]}
+    told = dict(zip(states, forked(lambda one: _error(bench, one), list(states.values()), bench.workers), strict=True))
+    added = [_entry(bench, *row, told=(told[id(row[0])], told[id(row[1])])) for row in rows]
     return (found, added) if added else None
 
 
@@ -231,21 +234,18 @@ def _entered(
 
 def _entry(
     bench: Bench, state: State, new: State, gain: float, tried: Sequence[Tried], lin: Linearised, effect: Effect,
-    coarsely: bool = False,
+    told: tuple[float, float] | None = None,
 ) -> Added:  # fmt: skip
-    """The entry of an `effect` that makes of a model the `new` one, its rivals those that were `tried` beside it; errors told `coarsely`, or as
-    closely as any."""
+    """The entry of an `effect` that makes of a model the `new` one, its rivals those that were `tried` beside it; errors of both as closely as
+    any, or as `told`."""
     dof, last = degrees(bench.split.select), new.effects[-1]
     key = last.name, last.joint, last.port
     others = [pair for pair in tried if pair.candidate.key != key and np.isfinite(pair.state.select)]
     order = sorted((other for _, other in others), key=lambda other: other.select)
     named = [other for other in order if other.effects[-1].name != "unknown"]
-    asked = [*([state, new] if coarsely else []), *order[:RIVALS]]
-    told = list(forked(lambda other: _error(bench, other), asked, bench.workers))
-    if not coarsely:
-        report = told_of(bench.split, new, bench.split.report)
-        told = [*(errors(bench, one, report).all for one in (state, new)), *told]
-    before, after, *of_rivals = told
+    of_rivals = list(forked(lambda other: _error(bench, other), order[:RIVALS], bench.workers))
+    report = told_of(bench.split, new, bench.split.report)
+    before, after = told or (errors(bench, one, report).all for one in (state, new))
     return Added(
         effect=effect,
         std=(),
