@@ -234,10 +234,10 @@ def larger(one: Candidate, times: float) -> Candidate:
     return replace(one, effect=one.effect.with_values(values))
 
 
-def as_strong(lin: Linearised, one: Candidate, as_: Effect) -> Candidate:
-    """The candidate, a force, as strong as another one of its port was found to be: over the records, by the motions there."""
+def as_strong(lin: Linearised, one: Candidate, found: Effect) -> Candidate:
+    """The candidate, a force, as strong as another one of its port that was `found`: over the records, by the motions there."""
     motions = lin.motions[side_of(one.effect.port)]
-    forces = [(one.effect.force(motion), as_.force(motion)) for motion in motions]
+    forces = [(one.effect.force(motion), found.force(motion)) for motion in motions]
     both = [(own, other) for own, other in forces if own is not None and other is not None]
     size = sum(float(np.vdot(own, own)) for own, _ in both)
     along = sum(float(np.vdot(own, other)) for own, other in both)

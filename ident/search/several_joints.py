@@ -50,7 +50,7 @@ def at_several_joints(bench: Bench, state: State, tried: Sequence[Tried]) -> Sta
         for one in best_names(tried)
         if _of_a_joint(one) and (_does_some(state, one) or one.candidate.gain > HIDDEN * most)
     ]
-    least = min(map(left_by, tried), default=0.0)
+    least = min([state.select, *map(left_by, tried)])
     if (
         least <= CLOSE * degrees(bench.split.select)
         or len({one.candidate.effect.joint for one in names}) < 2
@@ -59,13 +59,13 @@ def at_several_joints(bench: Bench, state: State, tried: Sequence[Tried]) -> Sta
         return None
     lin = linearised(state.problem, as_declared(bench, state))
     likely = [sized_together(lin, beside) for beside in _likely(bench, state, lin, names)]
-    models = list(all_fitted(bench, [with_candidates(state, beside, lin) for beside in likely]))
+    models = list(all_fitted(bench, [with_candidates(state, beside, lin) for beside in likely if len(beside) > 1]))
     for new in models:
         bench.say(
             f"  at once, {' and '.join(map(told, new.effects[len(state.effects) :]))}: {reduced_chi2(bench, new):.4g}"
         )
-    limit = min(new.select for new in models) + TIE + DOUBT * degrees(bench.split.select)
-    best = min((new for new in models if new.select <= limit), key=lambda new: len(new.scales))
+    limit = min((new.select for new in models), default=0.0) + TIE + DOUBT * degrees(bench.split.select)
+    best = min((new for new in models if new.select <= limit), key=lambda new: len(new.scales), default=state)
     if best.select > FEWER * least:
         return None
     finely = fitted(bench, Refit.of(best))

@@ -102,6 +102,7 @@ def test_what_promises_much_is_tried_with_others_though_alone_it_leads_astray(mo
     ("tried", "levels"),
     [
         ([one(COULOMB, 50.0), one(HARD, 60.0)], [35.0]),  # they leave more than a share of what one does
+        ([one(COULOMB, 300.0), one(HARD, 400.0)], [70.0]),  # or of what there was
         ([one(COULOMB, 2.0), one(HARD, 60.0)], None),  # one leaves little
         ([one(COULOMB, 50.0), one(HARD, 97.0, 9.0)], None),  # the other does hardly anything, nor promises it
         ([one(COULOMB, 50.0), one(MotorStribeck(0, (0.1, 0.05, 2.0)), 60.0)], None),  # both at one joint
@@ -114,6 +115,13 @@ def test_they_are_not_tried_or_not_taken_where_one_does_it(
     asked = leave(monkeypatch, levels or [])
     assert at_several_joints(BENCH, state(100.0), tried) is None
     assert bool(asked) == (levels is not None)
+
+
+def test_of_names_that_push_beside_each_other_nothing_is_left_to_try(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the other one of them would have to push: that alone is no model of several joints."""
+    asked = leave(monkeypatch, [])
+    monkeypatch.setattr(ident.search.several_joints, "sized_together", lambda lin, some: some[:1])
+    assert at_several_joints(BENCH, state(100.0), [one(COULOMB, 50.0), one(HARD, 60.0)]) is None and not asked
 
 
 def test_what_promises_most_of_what_one_does_elsewhere_may_be_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
