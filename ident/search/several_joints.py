@@ -35,7 +35,7 @@ from ident.search.tried import with_candidates
 #: Share of what there was that a name leaves at most which does some of it; of what the best one leaves, that those of several joints leave
 #: at most which are more than that.
 SOME, FEWER = 0.95, 0.6
-#: Share of the best promise that a name makes which may do some, though alone it leads the arm astray.
+#: Share of the best promise that dry friction makes which may do some, though alone it leads the arm astray.
 HIDDEN = 0.2
 #: Kinds that are tried at all joints; names that are tried in the place of one, at most.
 KINDS, RIVALS = 2, 2
@@ -43,12 +43,13 @@ KINDS, RIVALS = 2, 2
 
 def at_several_joints(bench: Bench, state: State, tried: Sequence[Tried]) -> State | None:
     """The model with names of several joints that leave far less than any one that was `tried` beyond `state`, finely fitted: the best name of each
-    joint where one does some, or promises much, or one kind at all joints. None where one name leaves little, or they leave much more."""
+    joint where one does some, or is friction that promises much, or one kind at all joints. None where one name leaves little, or they leave much more."""
     most = max((one.candidate.gain for one in tried), default=0.0)
     names = [
         one
         for one in best_names(tried)
-        if _of_a_joint(one) and (_does_some(state, one) or one.candidate.gain > HIDDEN * most)
+        if _of_a_joint(one)
+        and (_does_some(state, one) or (one.candidate.effect.dry and one.candidate.gain > HIDDEN * most))
     ]
     least = min([state.select, *map(left_by, tried)])
     if (

@@ -104,7 +104,8 @@ def test_what_promises_much_is_tried_with_others_though_alone_it_leads_astray(mo
         ([one(COULOMB, 50.0), one(HARD, 60.0)], [35.0]),  # they leave more than a share of what one does
         ([one(COULOMB, 300.0), one(HARD, 400.0)], [70.0]),  # or of what there was
         ([one(COULOMB, 2.0), one(HARD, 60.0)], None),  # one leaves little
-        ([one(COULOMB, 50.0), one(HARD, 97.0, 9.0)], None),  # the other does hardly anything, nor promises it
+        ([one(COULOMB, 50.0), one(HARD, 97.0)], None),  # the other does hardly anything, and is no friction
+        ([one(COULOMB, 50.0), one(STRIBECK, 97.0, 9.0)], None),  # or does not promise much
         ([one(COULOMB, 50.0), one(MotorStribeck(0, (0.1, 0.05, 2.0)), 60.0)], None),  # both at one joint
         ([], None),
     ],
