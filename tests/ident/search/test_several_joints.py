@@ -102,7 +102,7 @@ def test_what_promises_much_is_tried_with_others_though_alone_it_leads_astray(mo
     ("tried", "levels"),
     [
         ([one(COULOMB, 50.0), one(HARD, 60.0)], [35.0]),  # they leave more than a share of what one does
-        ([one(COULOMB, 300.0), one(HARD, 400.0)], [70.0]),  # or of what there was
+        ([one(COULOMB, 300.0), one(STRIBECK, 400.0)], [70.0]),  # or of what there was
         ([one(COULOMB, 2.0), one(HARD, 60.0)], None),  # one leaves little
         ([one(COULOMB, 50.0), one(HARD, 97.0)], None),  # the other does hardly anything, and is no friction
         ([one(COULOMB, 50.0), one(STRIBECK, 97.0, 9.0)], None),  # or does not promise much
