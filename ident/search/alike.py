@@ -17,9 +17,10 @@ from ident.effects.base import Effect, PeriodicLaw
 from ident.effects.catalogue import CATALOGUE
 from ident.effects.motion import Motion
 from ident.records.campaign import Array
-from ident.search.candidates import Candidate, bounds, larger, only_size, units
+from ident.search.candidates import Candidate, bounds, only_size, units
 from ident.search.plausible import ORDERS
 from ident.search.refits import State, but_last, linearised, some
+from ident.search.resized import larger
 from ident.search.shapes import TINY
 from ident.search.slopes import SLOPES
 from ident.search.trace import Linearised

@@ -15,7 +15,7 @@ from ident.effects.creeping import Creeping
 from ident.effects.hysteresis import Hysteresis
 from ident.effects.learned import KINDS, VARIABLES
 from ident.effects.motor import TorqueScale
-from ident.search.candidates import Candidate, best_of, of_kinds, smallest, units
+from ident.search.candidates import Candidate, best_of, of_kinds, units
 from ident.search.choice import Tried, is_curve, left_by
 from ident.search.curves import curve_of, sticking
 from ident.search.minima import CREPT, creeping_like, crept, told
@@ -34,6 +34,7 @@ from ident.search.refits import (
     same,
     winding,
 )
+from ident.search.resized import smallest
 from ident.search.trace import Linearised
 from ident.search.tried import refitted, with_candidate
 

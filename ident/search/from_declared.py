@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 from ident.arm.parts import degrees
 from ident.effects.base import Effect, only_read, winds_up
 from ident.effects.structure import LockedJointElasticity
-from ident.search.candidates import Candidate, best_of, catalogue, larger, nearer
+from ident.search.candidates import Candidate, best_of, catalogue, nearer
 from ident.search.choice import MUCH, SLIGHT, UNLIKELY, Tried, left_by
 from ident.search.contact import as_it_creeps, as_it_sticks, as_it_winds
 from ident.search.finer import finer
 from ident.search.refits import BENT, CLOSE, NAMED, Bench, State, as_declared, linearised, reduced_chi2, same
+from ident.search.resized import larger
 from ident.search.shapes import bending, only_shapes
 from ident.search.trace import Linearised
 from ident.search.tried import NEARLY, by_few_lines, refitted
@@ -46,21 +47,18 @@ def from_declared(bench: Bench, state: State, found: Effect | None, bases: bool 
     if best is not None and only_shapes(best.candidate.effect) and left_by(best) > left:
         tried += tried_bending(bench, state, declared, lambda effect: same(effect, best.candidate.effect))
     if found is None and bases:
-        tried += _soft(bench, state, declared, tried)
+        tried += soft_bases(bench, state, tried, declared)
     return as_it_sticks(bench, state, declared, as_it_moves(bench, tried))
 
 
-def soft_bases(bench: Bench, state: State, tried: Sequence[Tried]) -> list[Tried]:
-    """Soft bases beyond the declared arm with the effects of `state`, where all that was `tried` leaves much."""
-    return _soft(bench, state, linearised(state.problem, as_declared(bench, state)), tried)
-
-
-def _soft(bench: Bench, state: State, declared: Linearised, tried: Sequence[Tried]) -> list[Tried]:
-    """The same; a soft base, or lock, bends the whole arm, and promises nothing from there."""
+def soft_bases(bench: Bench, state: State, tried: Sequence[Tried], declared: Linearised | None = None) -> list[Tried]:
+    """Soft bases beyond the declared arm with the effects of `state`, linearised in `declared`, where all that was `tried` leaves much: a soft
+    base, or lock, bends the whole arm, and promises nothing from there."""
     best = min(tried, key=left_by, default=None)
     much = max(BENT * degrees(bench.split.select), MUCH * state.select)
     if (best is not None and best.candidate.effect.joint is None) or any(left_by(one) <= much for one in tried):
         return []
+    declared = declared or linearised(state.problem, as_declared(bench, state))
     return tried_bending(bench, state, declared, lambda e: e.joint is None or isinstance(e, LockedJointElasticity))
 
 

@@ -10,7 +10,7 @@ from ident.arm.parts import degrees
 from ident.effects.base import Effect, has_forces
 from ident.effects.friction import LinkCoulomb, LoadDependentFriction
 from ident.effects.learned import LearnedLaw
-from ident.search.candidates import Candidate, as_strong, catalogue
+from ident.search.candidates import Candidate, catalogue
 from ident.search.choice import ALIKE, Tried, as_much, left_by, plainest
 from ident.search.contradicted import standard_deviations
 from ident.search.curves import wave
@@ -18,6 +18,7 @@ from ident.search.finer import finer
 from ident.search.from_declared import LIKELY
 from ident.search.minima import LEAST_GAIN, fully, told
 from ident.search.refits import CLOSE, NAMED, Bench, State, beyond_noise, but_last, fitted, reduced_chi2, same, standing
+from ident.search.resized import as_strong
 from ident.search.trials import HARDLY
 from ident.search.tried import refitted, with_candidates
 

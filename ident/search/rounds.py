@@ -204,8 +204,8 @@ def _each_in_turn(bench: Bench, state: State, lin: Linearised, found: State) -> 
         found = best.state
         rows.append((less, found, less.select - found.select, [own, *others], here, found.effects[-1]))
     states = {id(one): one for row in rows for one in row[:2]}
-    told = dict(zip(states, forked(lambda one: _error(bench, one), list(states.values()), bench.workers), strict=True))
-    added = [_entry(bench, *row, told=(told[id(row[0])], told[id(row[1])])) for row in rows]
+    error = dict(zip(states, forked(lambda one: _error(bench, one), list(states.values()), bench.workers), strict=True))
+    added = [_entry(bench, *row, coarsely=(error[id(row[0])], error[id(row[1])])) for row in rows]
     return (found, added) if added else None
 
 
@@ -234,10 +234,10 @@ def _entered(
 
 def _entry(
     bench: Bench, state: State, new: State, gain: float, tried: Sequence[Tried], lin: Linearised, effect: Effect,
-    told: tuple[float, float] | None = None,
+    coarsely: tuple[float, float] | None = None,
 ) -> Added:  # fmt: skip
     """The entry of an `effect` that makes of a model the `new` one, its rivals those that were `tried` beside it; errors of both as closely as
-    any, or as `told`."""
+    any, or as they were told `coarsely`."""
     dof, last = degrees(bench.split.select), new.effects[-1]
     key = last.name, last.joint, last.port
     others = [pair for pair in tried if pair.candidate.key != key and np.isfinite(pair.state.select)]
@@ -245,7 +245,7 @@ def _entry(
     named = [other for other in order if other.effects[-1].name != "unknown"]
     of_rivals = list(forked(lambda other: _error(bench, other), order[:RIVALS], bench.workers))
     report = told_of(bench.split, new, bench.split.report)
-    before, after = told or (errors(bench, one, report).all for one in (state, new))
+    before, after = coarsely or (errors(bench, one, report).all for one in (state, new))
     return Added(
         effect=effect,
         std=(),

@@ -9,7 +9,7 @@ from dataclasses import replace
 from ident.arm.parts import degrees
 from ident.effects.base import Effect, only_shares
 from ident.effects.catalogue import CATALOGUE
-from ident.search.candidates import Candidate, as_strong, best_of, catalogue, nearer, sized_together, smallest
+from ident.search.candidates import Candidate, best_of, catalogue, nearer, sized_together
 from ident.search.choice import DOUBT, TIE, Tried, as_much, best_names, left_by
 from ident.search.from_declared import LIKELY
 from ident.search.minima import told
@@ -29,6 +29,7 @@ from ident.search.refits import (
     same,
     some,
 )
+from ident.search.resized import as_strong, smallest
 from ident.search.trace import Linearised
 from ident.search.tried import with_candidates
 
@@ -62,9 +63,7 @@ def at_several_joints(bench: Bench, state: State, tried: Sequence[Tried]) -> Sta
     likely = [sized_together(lin, beside) for beside in _likely(bench, state, lin, names)]
     models = list(all_fitted(bench, [with_candidates(state, beside, lin) for beside in likely if len(beside) > 1]))
     for new in models:
-        bench.say(
-            f"  at once, {' and '.join(map(told, new.effects[len(state.effects) :]))}: {reduced_chi2(bench, new):.4g}"
-        )
+        _say(bench, "at once", state, new)
     limit = min((new.select for new in models), default=0.0) + TIE + DOUBT * degrees(bench.split.select)
     best = min((new for new in models if new.select <= limit), key=lambda new: len(new.scales), default=state)
     if best.select > FEWER * least:
@@ -85,10 +84,13 @@ def _rubbing_plainly(bench: Bench, state: State, lin: Linearised, new: State) ->
     beside = some(new, range(len(state.effects)))
     refit = with_candidates(state, names, replace(lin, vector=beside.vector))
     plainly = fitted(bench, replace(refit, roughly=FINELY, slid=new.minimum.slid))
-    bench.say(
-        f"  as strong, {' and '.join(map(told, plainly.effects[len(state.effects) :]))}: {reduced_chi2(bench, plainly):.4g}"
-    )
+    _say(bench, "as strong", state, plainly)
     return plainly if plainly.select <= as_much(bench, new.select) else new
+
+
+def _say(bench: Bench, how: str, state: State, new: State) -> None:
+    names = " and ".join(map(told, new.effects[len(state.effects) :]))
+    bench.say(f"  {how}, {names}: {reduced_chi2(bench, new):.4g}")
 
 
 def _plainest(lin: Linearised, effect: Effect) -> Effect | None:
@@ -108,8 +110,8 @@ def _does_some(state: State, one: Tried) -> bool:
 
 
 def _likely(bench: Bench, state: State, lin: Linearised, names: Sequence[Tried]) -> Iterator[list[Candidate]]:
-    """The best name of each joint, and the kinds of names of more than one joint at all joints that they promise something at; each as large as
-    it was found."""
+    """The best name of each joint, and the kinds of names of more than one joint at all joints that they promise something at; each of the
+    shape in which it was found, or promised."""
     found = {
         one.candidate.key: replace(one.candidate, effect=one.state.effects[-1])
         if _does_some(state, one)

@@ -162,7 +162,7 @@ def test_each_is_looked_at_beside_the_others_and_none_kept_that_earns_nothing(mo
     monkeypatch.setattr(rounds, "plainer", plainer)
     monkeypatch.setattr(rounds, "is_clear", lambda bench, state, effect: False)
     monkeypatch.setattr(rounds, "earned", lambda bench, before, after: before.select > 2.0 * after.select)
-    monkeypatch.setattr(rounds, "_entry", lambda b, less, new, gain, tried, lin, effect, told: (effect, gain))
+    monkeypatch.setattr(rounds, "_entry", lambda b, less, new, gain, tried, lin, effect, coarsely: (effect, gain))
     monkeypatch.setattr(rounds, "_error", lambda bench, one: 0.1)
     lin: Any = None
     found, added = _each_in_turn(BENCH, state(100.0), lin, state(1.0, COULOMB, STRIBECK, HARD)) or (None, [])

@@ -28,9 +28,10 @@ from ident.effects.response import Response, response
 from ident.effects.sensor import JointZeroOffset
 from ident.records.campaign import Array, Campaign
 from ident.records.frf import estimate
-from ident.search.candidates import Candidate, added, as_strong, best_of, catalogue, otherwise, sized_together, surest
+from ident.search.candidates import Candidate, added, best_of, catalogue, otherwise, sized_together, surest
 from ident.search.curves import responses, wave
 from ident.search.periods import Spectrum, spectrum
+from ident.search.resized import as_strong
 from ident.search.trace import Linearised, distorts, linearise, port_shares
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model

@@ -267,36 +267,32 @@ def test_behind_a_name_that_leaves_nothing_in_haste_only_those_near_the_noise_ar
 
 
 @pytest.mark.parametrize(
-    ("rival", "level", "finely"),
+    ("there", "before", "best", "rival", "level", "finely"),
     [
-        (LinkViscous(1, (0.1,)), 1.6, False),
-        (LinkViscous(1, (0.1,)), 1.12, True),
-        (DRY, 1.6, True),  # whose motion is not found in haste
-        (LinkCoulomb(2, (0.1,)), 1.6, False),  # of another joint
+        (1.8, np.inf, 0.95, LinkViscous(1, (0.1,)), 1.6, False),
+        (1.8, np.inf, 0.95, LinkViscous(1, (0.1,)), 1.12, True),
+        (1.8, np.inf, 0.95, DRY, 1.6, True),  # whose motion is not found in haste
+        (1.8, np.inf, 0.95, LinkCoulomb(2, (0.1,)), 1.6, False),  # of another joint
+        (
+            7.2,
+            1.083,
+            0.99,
+            LinkViscous(2, (0.1,)),
+            1.09,
+            False,
+        ),  # all that there was before, though little of all without effects
+        (7.2, 1.083, 0.99, LinkViscous(2, (0.1,)), 1.03, True),
+        (7.2, 1.083, 0.99, DRY, 1.09, True),  # whose motion is not found in haste
+        (7.2, 1.083, 0.99, LinkCoulomb(1, (0.0,)), 1.09, False),  # which is none
     ],
 )
-def test_behind_a_name_that_leaves_nothing_of_a_little_only_what_may_be_as_good_is_fitted_finely(
-    rival: Effect, level: float, finely: bool
+def test_behind_a_name_that_leaves_nothing_only_what_may_be_as_good_is_fitted_finely(
+    there: float, before: float, best: float, rival: Effect, level: float, finely: bool
 ) -> None:
-    tried = [one(WAVE, 0.95), one(rival, level)]
-    assert _finalists(where(1.8), tried) == (tried if finely else [])
-
-
-@pytest.mark.parametrize(
-    ("rival", "level", "finely"),
-    [
-        (LinkViscous(2, (0.1,)), 1.09, False),  # all that there was before, though little of all without effects
-        (LinkViscous(2, (0.1,)), 1.03, True),
-        (DRY, 1.09, True),  # whose motion is not found in haste
-        (LinkCoulomb(1, (0.0,)), 1.09, False),  # which is none
-    ],
-)
-def test_behind_a_name_that_leaves_nothing_of_what_another_left_none_that_takes_little_of_it_is_fitted_finely(
-    rival: Effect, level: float, finely: bool
-) -> None:
-    """A gain of arm7 left 1.083 of 7.2, eccentricity beside it 0.99: three more that took nothing were fitted for 136 CPU s."""
-    tried = [one(WAVE, 0.99), one(rival, level)]
-    assert _finalists(where(7.2), tried, 1.083 * DOF) == (tried if finely else [])
+    """Of a little, or of what another left: of 7.2 a gain of arm7 had left 1.083, eccentricity beside it 0.99, and three more that took nothing were
+    fitted for 136 CPU s."""
+    tried = [one(WAVE, best), one(rival, level)]
+    assert _finalists(where(there), tried, before * DOF) == (tried if finely else [])
 
 
 def test_dry_friction_that_curves_draw_alike_in_haste_is_fitted_finely_by_each() -> None:
