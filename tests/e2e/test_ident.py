@@ -153,6 +153,7 @@ def test_the_coupled_fit_of_the_same_records_is_right(folder: Path, capsys: pyte
     assert judged(folder / "coupled") < 1e-3
 
 
+@pytest.mark.bench
 def test_the_methods_stand_side_by_side(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -64,7 +64,7 @@ def test_the_papers_arm_gets_the_papers_postures() -> None:
     assert len(np.unique(np.round(cells.q, 9), axis=0)) == 3, "three postures serve all joints"
 
 
-@pytest.mark.parametrize("name", ["ypp3", "ur5"])
+@pytest.mark.parametrize("name", ["ypp3", pytest.param("ur5", marks=pytest.mark.bench)])
 def test_each_cell_shows_one_constant_more_with_coefficient_one(name: str) -> None:
     """Back substitution without a matrix, from Pinocchio's J_ii, gives the URDF's constants."""
     factoring, cells, spare = triangular_of(name)

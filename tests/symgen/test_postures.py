@@ -64,7 +64,9 @@ def measured(chain: Chain, design: Design) -> np.ndarray:
 # What a plan is ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["paper", "ypp3_general", "scara4", UR5, "panda", "4R 0"])
+@pytest.mark.parametrize(
+    "name", ["paper", "ypp3_general", "scara4", UR5, pytest.param("panda", marks=pytest.mark.bench), "4R 0"]
+)
 def test_a_plan_has_d_cells_that_determine_alpha_and_spare_ones(name: str) -> None:
     found, design = factored(name), designed(name)
     d = found.d
@@ -83,7 +85,7 @@ def test_a_plan_has_d_cells_that_determine_alpha_and_spare_ones(name: str) -> No
     assert np.abs(C @ alpha - J).max() <= bound * np.abs(J).max()
 
 
-@pytest.mark.parametrize("name", ["paper", "scara4", UR5, "panda"])
+@pytest.mark.parametrize("name", ["paper", "scara4", UR5, pytest.param("panda", marks=pytest.mark.bench)])
 def test_cells_run_tip_to_base_within_the_limits_on_round_numbers(name: str) -> None:
     chain, design = factored(name).chain, designed(name)
     for part in (design.joint[~design.spare], design.joint[design.spare]):
@@ -101,7 +103,11 @@ def test_cells_run_tip_to_base_within_the_limits_on_round_numbers(name: str) -> 
         design.q[0, 0] = 1.0
 
 
-@pytest.mark.parametrize(("effort", "processes"), [("quick", (2, 2)), ("full", (1, 3))], ids=["quick", "full"])
+@pytest.mark.parametrize(
+    ("effort", "processes"),
+    [("quick", (2, 2)), pytest.param("full", (1, 3), marks=pytest.mark.bench)],
+    ids=["quick", "full"],
+)
 def test_the_same_arm_gives_the_same_plan_by_any_number_of_processes(
     effort: Effort, processes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -121,12 +127,10 @@ SMALL = (("paper", "quick"), ("ypp3_general", "quick"))
 
 @pytest.mark.parametrize(
     "plans",
-    [
-        SMALL,
-        pytest.param((("ypp3_general", "full"), ("ur5", "quick"), ("panda", "quick")), marks=pytest.mark.bench),
-    ],
+    [SMALL, (("ypp3_general", "full"), ("ur5", "quick"), ("panda", "quick"))],
     ids=["small", "large"],
 )
+@pytest.mark.bench
 def test_another_processor_gives_the_same_plan(plans: tuple[tuple[str, Effort], ...]) -> None:
     """OpenBLAS made to compute as on a processor of 2004: other last bits in every product, the same postures."""
     code = f"""
@@ -289,7 +293,7 @@ def test_the_amplification_stated_is_that_of_simulated_errors(name: str, rotor: 
 
 
 @pytest.mark.parametrize(
-    "name", [*(pytest.param(name, marks=pytest.mark.bench) for name in ("paper", "ypp3_general")), "2R 1", "scara4"]
+    "name", [*(pytest.param(name, marks=pytest.mark.bench) for name in ("paper", "ypp3_general", "scara4")), "2R 1"]
 )
 def test_the_certificate_is_below_what_is_true(name: str) -> None:
     """A better design, found by brute force, bounds the true efficiency from above; the certificate must be below it."""

@@ -45,6 +45,7 @@ def ur5_at(mask: Mask | None) -> Arm:
     return Arm(mask)
 
 
+@pytest.mark.bench
 def test_a_longer_search_is_not_worse() -> None:
     ur5 = ur5_at(None)
     searches = Search(1, 0, 0, 1, 0), Search(6, 1, 10, 1, 0), Search(12, 3, 30, 1, 8)
@@ -79,7 +80,8 @@ def test_sweeps_better_what_refinement_no_longer_does(mask: Mask | None, gain: f
     assert swept(ur5.rows, ur5.merit, cells, ur5.holding, 0) is cells
 
 
-@pytest.mark.parametrize("mask", [pytest.param(None, marks=pytest.mark.bench), beside_a_wall])
+@pytest.mark.parametrize("mask", [None, beside_a_wall])
+@pytest.mark.bench
 def test_kicks_better_what_sweeps_no_longer_do(mask: Mask | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Until that is enough; all cells stay feasible, and the same are found again."""
     ur5 = ur5_at(mask)

@@ -270,6 +270,7 @@ def test_a_damping_that_is_not_felt_grows_until_it_is_if_it_is_missed() -> None:
     assert taken[1] == pytest.approx(1.0)
 
 
+@pytest.mark.bench
 def test_what_gives_is_found_from_where_it_is_hardly_felt() -> None:
     """A base 200 times stiffer than it is, its own mode 10 times higher: a step of its stiffness is none of its compliance."""
     robot = load_robot(ROOT / "robots/ypp3")
@@ -296,6 +297,7 @@ def test_what_gives_is_found_from_where_it_is_hardly_felt() -> None:
     np.testing.assert_allclose(found[:3], true[:3], rtol=0.1)
 
 
+@pytest.mark.bench
 def test_a_winding_valley_is_followed_by_its_bend() -> None:
     """A spring behind a spring: from far along the valley of their stiffnesses, steps of stiffness go 9 % of the way; what both give
     adds up, and is stepped along."""

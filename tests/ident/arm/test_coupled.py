@@ -291,9 +291,8 @@ def test_no_records_is_an_error(model: Model) -> None:
         fit_coupled(measured(model, np.random.default_rng(0), noise=0.01, step=ENCODER), model, [])
 
 
-@pytest.mark.parametrize(
-    "name, believe", [pytest.param("ypp3", True, marks=pytest.mark.bench), ("ypp3_general", False)]
-)
+@pytest.mark.parametrize("name, believe", [("ypp3", True), ("ypp3_general", False)])
+@pytest.mark.bench
 def test_held_by_motors_that_give(name: str, believe: bool) -> None:
     """MuJoCo's flexible arm, motors held by disturbance observers: J(q) where nothing was measured, off-diagonals too.
 
@@ -326,7 +325,7 @@ def test_held_by_motors_that_give(name: str, believe: bool) -> None:
     np.testing.assert_allclose(there.alpha, found.alpha, atol=0.3 * sigma * size.max() ** 2)
 
 
-@pytest.mark.parametrize("share", [1.0, pytest.param(0.7, marks=pytest.mark.bench), np.inf])
+@pytest.mark.parametrize("share", [*(pytest.param(share, marks=pytest.mark.bench) for share in (1.0, 0.7)), np.inf])
 def test_postures_told_by_other_springs_are_those_where_the_links_rest(share: float) -> None:
     """A spring that sags by 0.1 rad, declared 30 % softer, or not at all: J(q) was 5 to 30 % off."""
     c, arm = soft.campaign()
@@ -341,6 +340,7 @@ def test_postures_told_by_other_springs_are_those_where_the_links_rest(share: fl
     assert np.abs(off).max() < 4.0
 
 
+@pytest.mark.bench
 def test_links_that_swing_far_are_explained_by_forces_of_higher_order() -> None:
     """0.03 rad, told to 1e-4: odd lines without what is of second order leave twice the noise."""
     c, arm = soft.campaign(swing=0.03, noise=1e-4)

@@ -7,6 +7,7 @@ from functools import cache
 
 import diagnosed
 import numpy as np
+import pytest
 
 from ident.arm.arm_fit import _is_positive
 from ident.arm.coupled import CoupledFit, fit_coupled
@@ -64,6 +65,7 @@ def test_an_arm_is_fitted_without_the_line_of_a_tone() -> None:
         assert abs(J - without) < 1e-3 * without
 
 
+@pytest.mark.bench
 def test_a_diagnosis_has_nothing_to_find_in_a_tone() -> None:
     """Nor at an even line, where motors do nothing."""
     d = diagnose(hums(few(), "theta", 50.0, 0.001), model())
@@ -71,12 +73,14 @@ def test_a_diagnosis_has_nothing_to_find_in_a_tone() -> None:
     assert left_out(d.campaign, d.responses)[0].startswith("Left out, in all records and all errors: 50 Hz.")
 
 
+@pytest.mark.bench
 def test_no_line_is_left_out_for_what_acts_in_the_arm() -> None:
     start = diagnosed.diagnosis().start
     assert start.select > 3.0 * degrees(diagnosed.diagnosis().split.select)
     assert not lone_lines(start.problem, start.minimum.vector).size
 
 
+@pytest.mark.bench
 def test_no_line_is_left_out_for_one_record() -> None:
     d = diagnosed.diagnosis()
     of_two, of_one = (lone(hums(d.campaign, "theta", 49.0, 0.01, records), d) for records in (2, 1))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from itertools import islice
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from ident.arm.marching import marched
@@ -36,6 +37,7 @@ def test_under_a_linear_law_it_is_the_stiffer_oscillator() -> None:
     assert np.abs(force - expected).max() < 1e-3 * np.abs(expected).max()
 
 
+@pytest.mark.bench
 def test_a_stop_that_is_hit_is_that_of_an_integrated_oscillator() -> None:
     def stop(x: np.ndarray) -> np.ndarray:
         return np.asarray(2000.0 * (np.maximum(x - 0.1, 0.0) + np.minimum(x + 0.1, 0.0)))

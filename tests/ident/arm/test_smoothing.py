@@ -52,7 +52,14 @@ LINKS = chain_of_robot(load_robot(ROBOTS / "ypp3"))
             marks=pytest.mark.bench,
         ),
         pytest.param(
-            MotorStribeck(0, (5e-3, 3e-2, 2.0)), "joint1", 2.0, 1e3, 2.0, 1.2, id="periods that differ near standstill"
+            MotorStribeck(0, (5e-3, 3e-2, 2.0)),
+            "joint1",
+            2.0,
+            1e3,
+            2.0,
+            1.2,
+            id="periods that differ near standstill",
+            marks=pytest.mark.bench,
         ),
         # other draws: 0.5 to 2.9 with the smoothed motion, 15 to 1070 with the measured one
         pytest.param(
@@ -106,6 +113,7 @@ def test_true_parameters_explain_a_record_with_the_motion_they_make(
     assert by_measured > measured
 
 
+@pytest.mark.bench
 def test_friction_by_the_load_is_looked_for_under_the_load_with_which_it_was_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -131,6 +139,7 @@ def test_friction_is_found_together_with_a_hysteresis_at_its_port() -> None:
     assert by_measured > 1e3 and by_smoothed < 1.0
 
 
+@pytest.mark.bench
 def test_forces_of_second_order_follow_from_the_motion_that_friction_leaves() -> None:
     """Those of the motion that was measured, in which the foot does not stick, leave 1.02 times the noise."""
     posture = (0.0, 0.0, 0.0, 0.0, 0.0, 1.8145)
@@ -163,6 +172,7 @@ def test_a_joint_is_beside_its_posture_by_more_than_a_softer_spring_would_do() -
     assert aside([0.08, 0.5, -0.2], [0.0] * 3, JointZeroOffset(0, (0.02,))) == [0.0, 0.0, 0.0]
 
 
+@pytest.mark.bench
 def test_what_drags_beside_what_rubs_is_of_the_motion_that_both_leave() -> None:
     assert levels(MotorCoulomb(1, (3e-2,)), "joint2", (0.0, 0.4, 0.8), MotorQuadraticDrag(1, (2e-3,)), f0=1.0)[1] < 1.1
 
@@ -199,6 +209,7 @@ def test_play_beside_what_rubs_is_met_where_sweeps_alone_lead_away() -> None:
     assert left[-1] < 1.4
 
 
+@pytest.mark.bench
 def test_forces_from_which_sweeps_lead_away_are_kept_as_they_left_least(monkeypatch: pytest.MonkeyPatch) -> None:
     """As of a spring that hardens and of another joint's motor that sticks: what later sweeps made was kept, and a motion found before
     was never found again."""
@@ -257,6 +268,7 @@ def test_a_law_with_a_memory_settles_by_its_best_line() -> None:
     assert smoothed < 1.15 < measured
 
 
+@pytest.mark.bench
 def test_a_law_with_a_memory_is_met_where_turns_do_not_settle() -> None:
     """Nearly four times as stiff as the spring, where it turns often: 334 times the noise is left of this record without Newton's steps."""
     assert levels(SpringHysteresis(2, (0.5, 3e-5)), "joint3", (0.0, -0.32, -0.02), f0=1.0)[1] < 1.0
@@ -266,10 +278,11 @@ def test_a_law_with_a_memory_is_met_where_turns_do_not_settle() -> None:
     ("gap", "posture", "seeds"),
     [
         (5e-5, (0.0, 1.57, 0.0), (5,)),
-        pytest.param(5e-5, (0.0, 1.57, 0.0), (4, 5, 6), marks=pytest.mark.bench),
-        pytest.param(8e-5, (0.0, 1.6884, -1.6884), (4, 5, 6), marks=pytest.mark.bench),
+        (5e-5, (0.0, 1.57, 0.0), (4, 5, 6)),
+        (8e-5, (0.0, 1.6884, -1.6884), (4, 5, 6)),
     ],
 )
+@pytest.mark.bench
 def test_play_that_rattles_is_explained(gap: float, posture: tuple[float, ...], seeds: tuple[int, ...]) -> None:
     """Where it hardly touches, contacts told by samples of a line or two are others: 3.1 and 2.7 of the noise would be left."""
     found = [levels(Backlash(0, (gap,)), "joint1", posture, seed=seed)[1] for seed in seeds]  # of one draw: 0.9 to 1.8

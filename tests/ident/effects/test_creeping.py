@@ -84,6 +84,7 @@ def test_how_a_contact_creeps_is_found_where_that_leaves_less() -> None:
     assert crept(bench, found) is found
 
 
+@pytest.mark.bench
 def test_nothing_new_is_looked_for_once_it_is_time() -> None:
     lines, c = list[str](), diagnosed.campaign()
     responses = tuple(estimate(record, c) for record in c.records)

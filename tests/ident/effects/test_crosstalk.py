@@ -58,6 +58,7 @@ def declared() -> tuple[Fitted, Linearised]:
     return start, linearised(start.problem, start.minimum.vector)
 
 
+@pytest.mark.bench
 def test_what_comes_of_another_amplifier_is_drawn_to_the_noise() -> None:
     start, lin = declared()
     likely = curves(lin)[0]

@@ -341,6 +341,7 @@ def test_an_encoder_misreads_by_its_curve() -> None:
     assert error.misread(0.5) == pytest.approx(3e-3) and error.force(motion) is None
 
 
+@pytest.mark.bench
 def test_a_law_that_comes_back_twice_in_what_the_records_cover_is_no_faster_one() -> None:
     teeth = TEETH + 1.0
     lin = left("detent", 2e-3, teeth, 0.4, rests=NEAR)
@@ -366,6 +367,7 @@ def test_a_wave_that_is_narrow_in_its_period_is_drawn_with_more_heights(
     assert len(found.effect.values) == heights
 
 
+@pytest.mark.bench
 def test_a_wave_is_found_that_is_not_whole_in_a_turn_of_the_motor() -> None:
     """170 in a turn of the link, 1.7 in one of its motor; its period to 2 %, as far as four rests tell it."""
     found = wave(left("link-magnets", 0.05, 170.0, 0.2, rests=FOUR), "link", JOINT, 4.0)
@@ -401,6 +403,7 @@ def test_a_deflection_has_knots_where_only_records_of_another_joint_wind_it() ->
     assert np.sum(knots > highest) < np.sum(knots < highest)
 
 
+@pytest.mark.bench
 def test_a_law_that_is_steepest_at_standstill_is_drawn_to_the_noise() -> None:
     """With as many knots of a velocity that are spread over all of it 1.3 is left."""
     law = "root-damper", 1.0
@@ -466,10 +469,12 @@ def test_a_name_that_has_the_force_of_a_curve_is_tried_as_large_as_there(law: tu
         pytest.param(("encoder-waves", 2e-3, 5.0), "reading at the sensor", marks=pytest.mark.bench),
     ],
 )
+@pytest.mark.bench
 def test_a_law_of_two_signals_is_seen_as_what_it_is(law: tuple[Any, ...], expected: str) -> None:
     assert expected in told(curves(left(*law))[0].effect)
 
 
+@pytest.mark.bench
 def test_a_spring_that_a_tooth_winds_is_seen_as_a_curve_of_its_motor() -> None:
     """By two records, at rests 99 rad of the motor apart."""
     best = curves(left("damaged-tooth", 1e-3, 1.0, rests=RESTS[1:]))[0].effect
@@ -500,6 +505,7 @@ def test_what_an_amplifier_loses_is_seen_in_the_torque_it_gives(law: tuple[Any, 
     assert told(curves(left(*law))[0].effect) == "unknown at joint 2: drive at the motor"
 
 
+@pytest.mark.bench
 def test_what_an_amplifier_loses_is_drawn_over_the_torque_it_gives() -> None:
     """But for a share of all: records of one joint do not tell that from more inertia."""
     law = "dead-time", 2e-3, 0.02
@@ -590,6 +596,7 @@ def test_a_law_at_the_knots_of_a_curve_of_all_that_it_follows_from(
         np.testing.assert_allclose(heights, expected)
 
 
+@pytest.mark.bench
 def test_a_name_that_a_curve_of_its_variable_outdoes_is_in_its_heights() -> None:
     """The drag of an eddy brake falls beyond one speed: no drag by the square of it."""
     law = "eddy-brake", 2e-3, 5.0

@@ -94,6 +94,7 @@ def measured(peak: float) -> tuple[Bench, Fitted, Linearised]:
     return bench, start, linearised(start.problem, start.minimum.vector)
 
 
+@pytest.mark.bench
 def test_it_is_found_where_a_name_that_gives_leaves_more_than_noise() -> None:
     bench, start, lin = measured(PEAK)
     named = best_of(lin, MotorHysteresis, JOINT)

@@ -137,6 +137,7 @@ def test_a_torque_that_lags_is_drawn_to_the_noise() -> None:
     assert reduced_chi2(bench(), found) < 1.1 < 0.1 * reduced_chi2(bench(), start)
 
 
+@pytest.mark.bench
 def test_friction_that_gives_before_it_slides_is_drawn_to_the_noise() -> None:
     """Bristles that slip one after the other, whose motion is found with theirs."""
     chain = chain_of_robot(SHORT)
@@ -159,7 +160,7 @@ def test_friction_that_gives_before_it_slides_is_drawn_to_the_noise() -> None:
         pytest.param(
             kind,
             0.01 if kind[0] == PRESLIDING else 0.5,
-            marks=() if kind[1] in ("motor", "sensor") else pytest.mark.bench,
+            marks=() if kind[1] == "motor" else pytest.mark.bench,
         )
         for kind in LOOPS
     ],

@@ -75,6 +75,7 @@ def test_its_curve_has_the_peak_and_half_a_turn_of_phase() -> None:
     assert abs(phase[0]) < 0.01 and phase[-1] < -0.8 * np.pi and curve["variable"] == "resonance"
 
 
+@pytest.mark.bench
 def test_its_inertia_is_a_share_of_the_motors() -> None:
     lin = linearised(begun_with_disc().start.problem, begun_with_disc().start.minimum.vector)
     J_m = lin.problem.parameters(lin.vector).J_m
@@ -82,6 +83,7 @@ def test_its_inertia_is_a_share_of_the_motors() -> None:
     assert units(lin, AttachedResonator, 0)[0] == pytest.approx(max(float(arm.J[0, 0]) for _, arm in lin.arms))
 
 
+@pytest.mark.bench
 def test_a_disc_on_a_motor_is_found_between_lines_and_explains_the_records() -> None:
     one, state = begun_with_disc(), with_it()
     (found,) = state.effects
@@ -90,6 +92,7 @@ def test_a_disc_on_a_motor_is_found_between_lines_and_explains_the_records() -> 
     assert found.values == pytest.approx(DISC, rel=0.01)
 
 
+@pytest.mark.bench
 def test_no_second_one_is_looked_for_where_one_is() -> None:
     lin = linearised(begun_with_disc().start.problem, begun_with_disc().start.minimum.vector)
     assert resonances(lin, (), 0.0)[0].effect.joint == 0

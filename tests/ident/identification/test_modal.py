@@ -115,6 +115,7 @@ def test_damped_springs_and_gravity_are_told_apart(damping: float, K_g: float) -
         assert abs(getattr(found, name) - true) < 4 * std, name
 
 
+@pytest.mark.bench
 def test_what_lies_above_the_band_is_told() -> None:
     low = FEW[FEW * 0.5 < 40]  # the elbow's own mode is at 90 Hz
     frf, whole = measured(FREE, 2, lines=low)
@@ -153,6 +154,7 @@ def test_too_few_lines_are_an_error() -> None:
         modal(frf, whole)
 
 
+@pytest.mark.bench
 def test_held_motors_that_move_are_taken_out() -> None:
     """MuJoCo's flexible arm under disturbance observers: held motors move a third as much as the excited one."""
     robot = load_robot(ROBOT)

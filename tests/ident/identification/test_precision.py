@@ -77,6 +77,7 @@ def fine(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]]) -> Precisio
     return for_target(*planned, 2e-4)
 
 
+@pytest.mark.bench
 def test_no_other_spacing_is_quicker(
     planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]], fine: Precision, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -92,6 +93,7 @@ def test_no_other_spacing_is_quicker(
     assert 0.1 < fine.robot.experiment.f0 < 2.0
 
 
+@pytest.mark.bench
 def test_precision_costs_time(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]], fine: Precision) -> None:
     model, robot, cells = planned
     rough, finer = (for_target(model, robot, cells, target) for target in (1e-2, 1e-4))
@@ -102,6 +104,7 @@ def test_precision_costs_time(planned: tuple[Model, Robot, list[tuple[str, np.nd
     assert rough.robot.experiment.f0 > finer.robot.experiment.f0
 
 
+@pytest.mark.bench
 def test_out_of_reach_is_said(planned: tuple[Model, Robot, list[tuple[str, np.ndarray]]]) -> None:
     model, robot, cells = planned
     with pytest.raises(ExperimentError, match=r"target 0\.0001 %: J_\d\d stays at .* % after \d+ periods"):

@@ -47,7 +47,7 @@ def of_friction() -> LogDiagnosis:
     return diagnose_log(log(friction))
 
 
-QUICK = ("motor-coulomb", "torque-scale", "input-delay")
+QUICK = ("motor-coulomb",)
 
 
 @pytest.mark.parametrize("off", [0.0, pytest.param(0.1, marks=bench)])
@@ -80,6 +80,7 @@ def test_nothing_is_found_where_nothing_acts() -> None:
     assert d.found.errors[0] < 2e-4
 
 
+@pytest.mark.bench
 def test_links_that_are_off_are_found_and_J_with_them(tmp_path: Path) -> None:
     own = log(off=0.1, seed=3)
     d = diagnose_log(own)
@@ -103,6 +104,7 @@ def test_friction_of_every_joint_is_found_though_each_alone_explains_little() ->
     assert sorted(found(d), key=str) == [("motor-coulomb", j) for j in range(3)] and d.status == "effect-found"
 
 
+@pytest.mark.bench
 def test_what_has_no_name_is_drawn_as_a_curve_of_what_it_follows() -> None:
     d = diagnose_log(log(lambda m: 0.15 * m.typical[4] * np.cos(4.0 * m.q), 2, runs=6, seed=4, fs=FS))
     (step,) = d.found.steps
@@ -146,6 +148,7 @@ def test_a_slide_without_a_gear_has_no_ripple_of_turns() -> None:
         assert ("torque-ripple" in names) is ripples
 
 
+@pytest.mark.bench
 def test_a_motion_that_was_repeated_does_not_report_on_itself() -> None:
     """Repetitions fit together, and say what noise is."""
     own = log(friction)

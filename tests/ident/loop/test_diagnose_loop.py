@@ -88,6 +88,7 @@ def diagnosed(model: Model, *effects: str) -> Diagnosis:
     return diagnose(campaign(*effects), model)
 
 
+@pytest.mark.bench
 def test_nothing_is_found_where_nothing_is(model: Model) -> None:
     found = diagnose(campaign(brief=True), model)
     assert (found.status, found.added, found.off, found.departures) == ("explained", (), (), ())

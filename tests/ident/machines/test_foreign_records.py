@@ -72,11 +72,13 @@ def topics(path: Path, messages: dict[str, tuple[int, int, list[dict]]]) -> Path
 @pytest.mark.parametrize(
     ("start", "step", "says", "stamped"),
     [
-        *((0, 10**6, "", stamped) for stamped in (True, False)),
-        *((-7 * 10**6, 10**6, "+7 samples", stamped) for stamped in (True, False)),
+        (0, 10**6, "", True),
+        (-7 * 10**6, 10**6, "+7 samples", True),
         (0, 2 * 10**6, "-2e+03 samples", True),
         (3 * 10**5, 10**6, "-0.3 samples", True),
         # the same, told by the other clock
+        pytest.param(0, 10**6, "", False, marks=pytest.mark.bench),
+        pytest.param(-7 * 10**6, 10**6, "+7 samples", False, marks=pytest.mark.bench),
         pytest.param(0, 2 * 10**6, "-2e+03 samples", False, marks=pytest.mark.bench),
         pytest.param(3 * 10**5, 10**6, "-0.3 samples", False, marks=pytest.mark.bench),
     ],

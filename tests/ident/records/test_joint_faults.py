@@ -67,7 +67,9 @@ def zero_off(campaign: Campaign, j: int, by: float) -> Campaign:
     return replace(campaign, records=tuple(replace(r, theta=r.theta + shift) for r in campaign.records))
 
 
-@pytest.mark.parametrize("factor", [0.5, 0.7, 1.4, 2.0, np.nan])
+@pytest.mark.parametrize(
+    "factor", [0.7, *(pytest.param(factor, marks=pytest.mark.bench) for factor in (0.5, 1.4, 2.0, np.nan))]
+)
 def test_sag_by_another_stiffness_is_no_fault(softer: Campaign, factor: float) -> None:
     """Where K is unknown, or off: what goes with the load is the spring's."""
     assert found(with_K(softer, factor)) == ()
@@ -82,7 +84,7 @@ def test_sag_of_records_of_one_load_is_no_zero(softer: Campaign) -> None:
 
 
 @pytest.mark.parametrize(
-    "factor", [0.7, np.nan, *(pytest.param(factor, marks=pytest.mark.bench) for factor in (1.0, 1.4))]
+    "factor", [0.7, *(pytest.param(factor, marks=pytest.mark.bench) for factor in (1.0, 1.4, np.nan))]
 )
 def test_what_does_not_go_with_the_load_is_no_sag(softer: Campaign, factor: float) -> None:
     campaign = with_K(softer, factor)

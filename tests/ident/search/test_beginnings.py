@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import soft
 
 from ident.loop.diagnose import diagnose
 
 
+@pytest.mark.bench
 def test_a_soft_arm_whose_postures_its_motors_tell_lacks_nothing() -> None:
     """Its links rest 0.09 rad from there: taken for another inertia."""
     c, model = soft.campaign()

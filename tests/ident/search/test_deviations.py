@@ -157,6 +157,7 @@ def undamped(*joints: str) -> Robot:
     return replace(ROBOT, drives=drives)
 
 
+@pytest.mark.bench
 def test_a_damping_where_none_is_declared_is_told_and_what_it_costs_to_keep_none() -> None:
     damped = parse("spring-damping:damping=1.1@joint2", ROBOT.drives)
     begun = short_campaign(undamped("joint2"), damped, f0=1.0, seed=4)
@@ -170,6 +171,7 @@ def test_a_damping_where_none_is_declared_is_told_and_what_it_costs_to_keep_none
     assert 0.02 < off.before < 0.1 and off.after < min(2e-3, 1.1 * noise)
 
 
+@pytest.mark.bench
 def test_no_damping_where_none_is_declared_is_as_declared() -> None:
     begun = short_campaign(undamped("joint2"))
     start = begun.start

@@ -65,6 +65,7 @@ def alone(begun: Begun, name: str) -> Tried:
     return tried
 
 
+@pytest.mark.bench
 def test_what_explained_something_before_is_tried_again_as_it_was(begun: Begun) -> None:
     said: list[str] = []
     bench = replace(begun.bench, say=said.append)
@@ -75,6 +76,7 @@ def test_what_explained_something_before_is_tried_again_as_it_was(begun: Begun) 
     assert len(said) == 1 and not again(bench, state, [rings])
 
 
+@pytest.mark.bench
 def test_a_second_effect_is_found_beside_one_that_leads(begun: Begun) -> None:
     bench, start = begun.bench, begun.start
     lead = alone(begun, RINGS)

@@ -39,6 +39,7 @@ def begun() -> Begun:
     return begin(campaign, make_model(chain_of_robot(SHORT), believe_zeros=True), responses)
 
 
+@pytest.mark.bench
 def test_all_joints_are_tried_but_those_where_it_is_known() -> None:
     lin = linearised(begun().start.problem, begun().start.minimum.vector)
     every = {(c.effect.name, c.effect.joint) for c in bending(lin, ())}
@@ -66,6 +67,7 @@ def test_what_turns_is_as_stiff_as_joints_that_turn(monkeypatch: pytest.MonkeyPa
     assert parse("link-flexibility@joint3", robot.drives)["stiffness"] == 2.0 * stiffest
 
 
+@pytest.mark.bench
 def test_a_link_that_hardly_rings_promises_most_as_one_that_does_not() -> None:
     """One that rings promised half of that in other records, and was fitted to a third of the stiffness, or five times it."""
     bench, start = begun().bench, begun().start

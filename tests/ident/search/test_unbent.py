@@ -53,12 +53,10 @@ def test_what_bends_the_arm_at_one_joint_is_left_out_with_its_records(joint: int
 
 @pytest.mark.parametrize(
     "effects",
-    [
-        (),
-        pytest.param([f"torque-lag:time=2e-3@joint{k}" for k in (1, 2, 3)], marks=pytest.mark.bench),
-    ],
+    [(), [f"torque-lag:time=2e-3@joint{k}" for k in (1, 2, 3)]],
     ids=["nothing", "everywhere"],
 )
+@pytest.mark.bench
 def test_an_arm_that_nothing_bends_or_something_everywhere_stays_as_declared(effects: tuple[str, ...]) -> None:
     found = begun(*effects, robot=BRIEF)
     assert unbent(found.bench, found.start) is found.bench

@@ -63,6 +63,7 @@ def mended() -> State:
     return each_otherwise(bench(), a_little_wrong())
 
 
+@pytest.mark.bench
 def test_the_right_order_is_found_though_hardly_anything_is_left() -> None:
     wrong, right = a_little_wrong(), mended()
     assert reduced_chi2(bench(), wrong) < NAMED and otherwise_if_left(bench(), wrong) is wrong
@@ -77,6 +78,7 @@ def test_the_right_order_stays() -> None:
     assert each_otherwise(bench(), mended()) is mended()
 
 
+@pytest.mark.bench
 def test_a_joint_may_have_two_waves_of_one_kind_each_of_its_own_order() -> None:
     waves = [TransmissionError(JOINT, (AMPLITUDE, order, 0.4)) for order in (ORDER, SECOND)]
     chain, cells = chain_of_robot(SHORT), [(joint, np.array(q)) for joint, q in CELLS]

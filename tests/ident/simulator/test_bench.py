@@ -101,7 +101,12 @@ def test_motor_lock_gives_the_exact_response_of_the_coupled_arm() -> None:
 
 
 @pytest.mark.parametrize(
-    "stiff", [{"K": 1e6, "D_spring": 20.0}, {"D_spring": 500.0}, {"D": 0.01}], ids=["spring", "damper", "friction"]
+    "stiff",
+    [
+        {"K": 1e6, "D_spring": 20.0},
+        *(pytest.param(stiff, marks=pytest.mark.bench) for stiff in ({"D_spring": 500.0}, {"D": 0.01})),
+    ],
+    ids=["spring", "damper", "friction"],
 )
 def test_stiff_and_overdamped_drives_neither_blow_up_nor_lose_accuracy(stiff: dict[str, float]) -> None:
     error, _ = coupled_error(1e-4, **stiff)
@@ -153,6 +158,7 @@ BRIEF = replace(SHORT, periods=2)
 CELLS = [("joint3", POSTURE), ("joint1", [0.0, 0.4, 0.1])]
 
 
+@pytest.mark.bench
 def test_link_encoders_read_the_links_with_effects_and_without() -> None:
     """Locked joints stay where they are, the first swings by less than a count; slowly a link follows its motor; an effect of no size is none."""
     arm = robot(replace(BRIEF, f0=2.0, band=(2.0, 120.0), torque_noise=0.0), link_encoder_counts=2**20)

@@ -241,9 +241,8 @@ def test_every_joint_of_a_vendors_arm_can_be_measured(vendor: tuple[str, Robot])
         assert 0 < setup.held < 1.5
 
 
-@pytest.mark.parametrize(
-    "vendor", ["ur5", *(pytest.param(name, marks=pytest.mark.bench) for name in ("panda", "xarm7"))], indirect=True
-)
+@pytest.mark.parametrize("vendor", ["ur5", "panda", "xarm7"], indirect=True)
+@pytest.mark.bench
 def test_a_simulated_record_settles_when_the_design_says(vendor: tuple[str, Robot]) -> None:
     """Judged by the reading side, which finds the first settled period in the record itself."""
     name, robot = vendor

@@ -181,7 +181,7 @@ def test_in_a_tilted_base_the_declared_links_weigh_aside() -> None:
     ("text", "joint", "lock", "left_of_it"),
     [
         ("base-compliance:rock=40000,turn=90000", 1, "dob", 1e-4), ("link-flexibility:stiffness=6000,share=0.64@joint1", 0, "dob", 1e-5),
-        ("link-flexibility:stiffness=6000@joint2", 1, "dob", 1e-5), ("locked-joint-elasticity:stiffness=4500@joint2", 2, "rigid", 2e-4),
+        pytest.param("link-flexibility:stiffness=6000@joint2", 1, "dob", 1e-5, marks=pytest.mark.bench), ("locked-joint-elasticity:stiffness=4500@joint2", 2, "rigid", 2e-4),
     ],
 )  # fmt: skip
 def test_what_gives_is_pushed_at_twice_its_lines(
@@ -227,13 +227,13 @@ def declared(name: str) -> tuple[Robot, Chain, Model]:
     ("name", "joint", "lock", "texts"),
     [
         ("arm6", "joint3", "rigid", ["locked-joint-elasticity:stiffness=60000,damping=0.001@joint2", "locked-joint-elasticity:stiffness=11000,damping=0.001@joint5"]),
-        ("arm6", "joint3", "rigid", ["locked-joint-elasticity:stiffness=60000,damping=0.001@joint2", "link-flexibility:stiffness=96000@joint3"]),
+        pytest.param("arm6", "joint3", "rigid", ["locked-joint-elasticity:stiffness=60000,damping=0.001@joint2", "link-flexibility:stiffness=96000@joint3"], marks=pytest.mark.bench),
         ("arm6", "joint3", "rigid", ["locked-joint-elasticity:stiffness=60000,damping=0.001@joint2", "base-compliance:rock=180000,turn=180000,damping=0.001"]),
-        ("arm6", "joint3", "rigid", ["locked-joint-elasticity:stiffness=11000,damping=0.001@joint5", "attached-resonator:inertia=0.02,frequency=40@joint5"]),
-        ("arm6", "joint2", "dob", ["link-flexibility:stiffness=180000@joint2", "link-flexibility:stiffness=96000@joint3"]),
+        pytest.param("arm6", "joint3", "rigid", ["locked-joint-elasticity:stiffness=11000,damping=0.001@joint5", "attached-resonator:inertia=0.02,frequency=40@joint5"], marks=pytest.mark.bench),
+        pytest.param("arm6", "joint2", "dob", ["link-flexibility:stiffness=180000@joint2", "link-flexibility:stiffness=96000@joint3"], marks=pytest.mark.bench),
         # the last case has each of both pairs, and more
         pytest.param("ypp3", "joint2", "dob", ["base-compliance:rock=60000,turn=60000", "link-flexibility:stiffness=15000@joint2"], marks=pytest.mark.bench),
-        ("ypp3", "joint2", "dob", ["base-compliance:rock=60000,turn=60000", "attached-resonator:inertia=0.03,frequency=40@joint2"]),
+        pytest.param("ypp3", "joint2", "dob", ["base-compliance:rock=60000,turn=60000", "attached-resonator:inertia=0.03,frequency=40@joint2"], marks=pytest.mark.bench),
         pytest.param("ypp3", "joint2", "dob", ["attached-resonator:inertia=0.03,frequency=40@joint3", "link-flexibility:stiffness=15000@joint2"], marks=pytest.mark.bench),
         ("ypp3", "joint2", "dob", ["attached-resonator:inertia=0.03,frequency=40@joint2", "link-flexibility:stiffness=15000@joint2"]),
         ("ypp3", "joint2", "dob", ["link-flexibility:stiffness=15000@joint3", "attached-resonator:inertia=0.03,frequency=40@joint3",
