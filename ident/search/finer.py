@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.arm.parts import degrees
 from ident.search.choice import Tried, ended_there, is_curve, left_by
+from ident.search.links_off import by_links, hastily_carrying_others
 from ident.search.minima import told
 from ident.search.refits import CLOSE, FALLING, FINELY, Bench, Refit, State, all_fitted, fitted, reduced_chi2
 
@@ -17,6 +18,8 @@ LEADING, FORWARD = 0.1, 0.5
 #: Times what the best curve leaves, hastily fitted, that one of dry friction may leave to do better finely fitted: in haste the motion
 #: that friction leaves is hardly found.
 AS_DRY = 2.0
+#: Times what the best candidate leaves that one of declared links may leave which may leave nothing with others.
+BY_LINKS = 2.0
 #: While none of the candidates is near, those whose chi^2 is `FALLING` go on so many times.
 PATIENCE = 4
 
@@ -47,6 +50,21 @@ def curves_alike(tried: Sequence[Tried]) -> list[Tried]:
     return drawn[:1] + [
         one for one in drawn[1:] if one.candidate.effect.dry and left_by(one) <= AS_DRY * left_by(drawn[0])
     ]
+
+
+def on_other_links(bench: Bench, tried: list[Tried], known: Sequence[Tried] = ()) -> list[Tried]:
+    """The candidates, the best that carries the declared links with others if it leaves nothing then, unless it was `known`: with those it
+    leads the fit astray, and all else is tried in vain."""
+    least = min(map(left_by, tried), default=0.0)
+    likely = [one for one in tried if left_by(one) <= BY_LINKS * least and by_links(bench, one.state)]
+    best = min(likely, key=left_by, default=None)
+    if best is None or bench.late or any(one is best for one in known):
+        return tried
+    state = hastily_carrying_others(bench, best.state)
+    if state is best.state:
+        return tried
+    bench.say(f"  on other links, {told(state.effects[-1])}: {reduced_chi2(bench, state):.4g}")
+    return [one.refitted(state) if one is best else one for one in tried]
 
 
 def leader_finely(bench: Bench, tried: list[Tried], earlier: Sequence[Tried] = ()) -> list[Tried]:

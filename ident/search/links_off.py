@@ -55,29 +55,41 @@ def carrying_others(bench: Bench, state: State) -> State:
     return state
 
 
-def _carrying_as_shown(bench: Bench, state: State) -> State:
-    """As `carrying_others`, in the ways that the last effect shows where it is, at its softest."""
+def hastily_carrying_others(bench: Bench, state: State) -> State:
+    """As `carrying_others`, hastily and from where the model is: it, if more is missing than that."""
+    refit = _with_links_off(bench, state) if by_links(bench, state) else None
+    new = state if refit is None else fitted(bench, replace(refit, outer=1, roughly=HASTILY))
+    return new if reduced_chi2(bench, new) <= NAMED else state
+
+
+def _with_links_off(bench: Bench, state: State) -> Refit | None:
+    """The model, to be refitted with links that may be off in the ways that the last effect shows where it is, at its softest, as they were
+    declared at first. None where it carries none."""
     last = of_declared_links(state.effects[-1])
     if not last.carries or not np.isfinite(state.select):
-        return state
+        return None
     p = state.problem.parameters(state.minimum.vector)
     scenes = [state.problem.scene(one, state.effects) for one in state.problem.data]
     arms = [known(scene, p) for scene in scenes]
     s = scenes[0].s[np.linspace(0, len(scenes[0].s) - 1, SHOWN_AT).astype(int)]
     effect = carrying(last, shown(_soft(last), s, arms, bool(bench.model.factoring.believed)))
     more, kept = len(effect.values) - len(last.values), sum(len(e.values) for e in (*state.effects[:-1], last))
+    vector = np.concatenate([state.minimum.vector[: state.problem.base + kept], np.zeros(more)])
     scales, limits = state.scales[:kept] + (1.0,) * more, state.limits[:kept] + ((-FARTHEST, FARTHEST),) * more
-    refit = Refit(np.zeros(0), (*state.effects[:-1], effect), scales, limits)
-    found = state.minimum.vector[: state.problem.base + kept]
-    vectors = [as_declared(bench, state)[: len(found)], found]
-    starts = [replace(refit, vector=np.concatenate([vector, np.zeros(more)])) for vector in vectors]
+    return Refit(vector, (*state.effects[:-1], effect), scales, limits)
+
+
+def _carrying_as_shown(bench: Bench, state: State) -> State:
+    """As `carrying_others`, in the ways that the last effect shows where it is."""
+    refit = _with_links_off(bench, state)
+    if refit is None:
+        return state
+    declared, base = as_declared(bench, state), state.problem.base
+    kept = len(refit.vector) - sum(p.aside for p in refit.effects[-1].parameters)
+    starts = [replace(refit, vector=np.concatenate([declared[:kept], refit.vector[kept:]])), refit]
     new = lowest(bench, starts)
     if NAMED < reduced_chi2(bench, new) < FALLING * reduced_chi2(bench, state):
-        base = state.problem.base
-        anew = [
-            replace(refit, vector=np.concatenate([as_declared(bench, state)[:base], values]))
-            for values in _plausible(new)
-        ]
+        anew = [replace(refit, vector=np.concatenate([declared[:base], values])) for values in _plausible(new)]
         others = [replace(one, outer=1, roughly=HASTILY) for one in [Refit.of(new), *anew]]
         for other in sorted(until_nothing(bench, others), key=lambda other: other.select)[:VALLEYS]:
             new = min(new, fitted(bench, Refit.of(other)), key=lambda one: one.select)

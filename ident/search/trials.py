@@ -29,7 +29,7 @@ from ident.search.choice import (
 )
 from ident.search.contact import as_it_sticks, balanced, besides, rubbing, rubbing_anew
 from ident.search.curves import curves, resonances, responses
-from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
+from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely, on_other_links
 from ident.search.from_declared import as_it_moves, from_declared, soft_bases, tried_bending
 from ident.search.minima import LEAST_GAIN, afresh, elsewhere, fully, told, wound_up
 from ident.search.refits import (
@@ -98,8 +98,8 @@ def first_names(bench: Bench, state: State, lin: Linearised) -> list[Tried]:
     """The likeliest names beyond `state`, linearised in `lin`, hastily refitted; where the fit is very far off from the arm that a
     fit begins at: no soft bases where something distorts, as these do not."""
     if reduced_chi2(bench, state) <= FAR:
-        return _from_fitted(bench, state, lin)
-    return leader_finely(bench, from_declared(bench, state, None, bases=not distorts(lin)))
+        return on_other_links(bench, _from_fitted(bench, state, lin))
+    return on_other_links(bench, leader_finely(bench, from_declared(bench, state, None, bases=not distorts(lin))))
 
 
 def likely_names(bench: Bench, state: State, lin: Linearised, first: list[Tried]) -> list[Tried]:
@@ -111,7 +111,7 @@ def likely_names(bench: Bench, state: State, lin: Linearised, first: list[Tried]
     if bench.declared is not None and all(left_by(one) > MUCH * state.select for one in names):
         names += from_declared(replace(bench, guess=bench.declared), state, None, bases=not distorts(lin))
         names = leader_finely(bench, names)
-    return names
+    return on_other_links(bench, names, first)
 
 
 def hasty(bench: Bench, state: State, lin: Linearised, names: list[Tried]) -> Iterator[list[Tried]]:
