@@ -12,6 +12,7 @@ import pytest
 import ident.search.choice
 import ident.search.contact
 import ident.search.finer
+import ident.search.links_off
 import ident.search.minima
 import ident.search.naming
 import ident.search.trials
@@ -46,7 +47,7 @@ from ident.search.choice import (
     vanished,
 )
 from ident.search.contact import rubbing, rubbing_anew
-from ident.search.finer import curve_finely, finely, leader_finely
+from ident.search.finer import curve_finely, finely, leader_finely, on_other_links
 from ident.search.naming import named_by_load, of_any_order, plainer
 from ident.search.refits import FINELY, HASTILY, State
 from ident.search.trace import Linearised
@@ -72,6 +73,7 @@ LOADED, SLIDING, PLACE = (
 )
 DRY, HARD = LinkCoulomb(1, (0.1,)), SpringHardening(1, (1e7,))
 WAVE = TransmissionError(1, (1e-4, 2.0, 0.0))
+BENT = LinkFlexibility(1, (6e3, 0.6, 5e-5, 1.0))
 
 
 @pytest.fixture(autouse=True)
@@ -85,6 +87,7 @@ def _degrees(monkeypatch: pytest.MonkeyPatch) -> None:
         ident.search.trials,
         ident.search.tried,
         ident.search.naming,
+        ident.search.links_off,
         ident.search.minima,
         ident.search.whole_numbers,
     ):
@@ -175,6 +178,33 @@ def test_a_name_that_ended_there_finely_is_not_fitted_so_again(
     monkeypatch.setattr(ident.search.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     leader_finely(BENCH, [one(DRY, 100.0), one(HARD, 30.0)], earlier)
     assert len(asked) == fits
+
+
+@pytest.mark.parametrize(
+    ("bent", "beside", "left", "tries", "leaves"),
+    [
+        (400.0, 300.0, 0.97, 1, 0.97),  # another name leads hardly: what bends led the fit astray
+        (400.0, 300.0, 90.0, 1, 400.0),  # other links are not what is missing
+        (700.0, 300.0, 0.97, 0, 700.0),
+        (8.0, 300.0, 0.97, 0, 8.0),  # near enough to be fitted on
+    ],
+)
+def test_what_bends_is_tried_on_other_links_before_all_else(
+    bent: float, beside: float, left: float, tries: int, leaves: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Effect] = []
+    refit = SimpleNamespace(effects=(BENT,))
+    monkeypatch.setattr(ident.search.links_off, "_with_links_off", lambda bench, state: refit)
+    monkeypatch.setattr(ident.search.links_off, "replace", lambda refit, **changes: refit)
+    monkeypatch.setattr(
+        ident.search.links_off, "fitted", lambda bench, refit: asked.append(refit.effects[-1]) or one(BENT, left)[1]
+    )
+    names = [one(BENT, bent), one(HARD, beside)]
+    found = on_other_links(BENCH, names)
+    assert len(asked) == tries
+    assert [state.select for _, state in found] == [leaves * DOF, beside * DOF]
+    asked.clear()
+    assert on_other_links(BENCH, names, names[:1]) == names and not asked
 
 
 @pytest.mark.parametrize(
