@@ -40,6 +40,7 @@ from ident.search.choice import Tried
 from ident.search.contradicted import Off, contradicted, merged
 from ident.search.departures import Departure, Errors, errors
 from ident.search.each_record import in_each_record
+from ident.search.finer import on_declared_arm
 from ident.search.minima import afresh, links_anew, settled
 from ident.search.one_more import one_more
 from ident.search.refits import (
@@ -230,14 +231,14 @@ class Begun:
         whether some was found or not, is explained `elsewhere`."""
         return self._told(*self._searched(gives_way, elsewhere))
 
-    def going_on(self, found: Diagnosis, bench: Bench, state: State) -> Diagnosis:
+    def going_on(self, found: Diagnosis, bench: Bench, state: State, missing: Sequence[Tried] = ()) -> Diagnosis:
         """What explains the records, see `diagnose`, from the effects on that were `found` with another arm and are those of this `state`, as
-        `beside` has both."""
+        `beside` has both. `missing` are names that were tried beyond it, one of which leaves hardly anything."""
         start = self.start
         if bench is not self.bench:
             bench, start = begun(bench)
         entries = [replace(one, others=(), partly=()) for one in _anew(bench, start, state, found.added)]
-        state, added = _loop(bench, start, (state, entries))
+        state, added = _loop(bench, start, (state, entries), missing=on_declared_arm(bench, missing))
         return self._told(bench, start, state, added, left_over(bench, start, state))
 
     def _told(
@@ -344,17 +345,17 @@ def _loop(
     start: State,
     resumed: tuple[State, list[Added]] | None = None,
     gives_way: GivesWay = _never,
+    missing: Sequence[Tried] = (),
 ) -> tuple[State, list[Added]]:
     """The arm with those effects that earned their place beyond `start`, or beyond those `resumed`, and these in the order in which
-    they were added."""
+    they were added; `missing` are names tried beyond the latter."""
     state, added = resumed or (start, [])
     bench.say(
         f"the {'arm with what was found' if added else 'declared arm'}: chi2 {reduced_chi2(bench, state):.3g} a degree of freedom"
     )
-    state = begun_afresh = links_anew(bench, state) if added else state
+    state = begun_afresh = links_anew(bench, state) if added and not missing else state
     if not added and reduced_chi2(bench, state) > BENT:
         bench = unbent(bench, state)
-    missing: Sequence[Tried] = ()
     for _ in range(MOST_ROUNDS):
         little = bool(added) and is_little(bench, start, state)
         doubted = not added or reduced_chi2(bench, state) > DOUBTED

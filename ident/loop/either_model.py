@@ -89,14 +89,15 @@ def _diagnosed(
     gone_on: Callable[[], Diagnosis] | None = None
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
         found = by_general()
-        beside = simplest.beside(found.end, found.split)
+        bench, state = simplest.beside(found.end, found.split)
         if found.left <= NAMED:
-            left = reduced_chi2(*beside)
-            does = left <= NAMED or (left > CLOSE and bool(one_more(*beside)[1]))  # as they are, or with one name more
+            left = reduced_chi2(bench, state)
+            _, missing = one_more(bench, state)
+            does = left <= NAMED or bool(missing)  # as they are, or with one name more
             if left > CLOSE and not does:
                 return found, notes
             if does and found.added:
-                gone_on = partial(simplest.going_on, found, *beside)
+                gone_on = partial(simplest.going_on, found, bench, state, missing)
     say(f"zeros of the URDF believed: {believed}")
 
     at_once = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,18 @@ from ident.arm.parts import degrees
 from ident.search.choice import Tried, ended_there, is_curve, left_by
 from ident.search.links_off import by_links, hastily_carrying_others
 from ident.search.minima import told
-from ident.search.refits import CLOSE, FALLING, FINELY, Bench, Refit, State, all_fitted, fitted, reduced_chi2
+from ident.search.refits import (
+    CLOSE,
+    FALLING,
+    FINELY,
+    Bench,
+    Refit,
+    State,
+    all_fitted,
+    as_declared,
+    fitted,
+    reduced_chi2,
+)
 
 #: Share of what any other candidate leaves that one leaves which may be far ahead once it is fitted finely: nothing else is tried then.
 #: Below the first one it is far ahead already.
@@ -64,6 +76,17 @@ def on_other_links(bench: Bench, tried: list[Tried], known: Sequence[Tried] = ()
     if state is best.state:
         return tried
     bench.say(f"  on other links, {told(state.effects[-1])}: {reduced_chi2(bench, state):.4g}")
+    return [one.refitted(state) if one is best else one for one in tried]
+
+
+def on_declared_arm(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
+    """The candidates, the best fitted from the declared arm, too: what was missing may have bent that beyond which they were tried."""
+    best = min(tried, key=left_by, default=None)
+    if best is None:
+        return []
+    anew = fitted(bench, replace(Refit.of(best.state), vector=as_declared(bench, best.state)))
+    bench.say(f"  from the declared arm, {told(anew.effects[-1])}: {reduced_chi2(bench, anew):.4g}")
+    state = min(best.state, anew, key=lambda one: one.select)
     return [one.refitted(state) if one is best else one for one in tried]
 
 

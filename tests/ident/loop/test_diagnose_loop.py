@@ -357,21 +357,23 @@ def test_effects_found_with_another_arm_are_gone_on_from_without_its_models(
     entry = Added(LinkViscous(1, (0.1,)), (), 0.0, 0.0, 1.0, 1.0, (), (), (), (elsewhere,), (elsewhere,), elsewhere)
     looped: list[Any] = []
 
-    def loop(bench: Any, start: Any, resumed: Any) -> Any:
-        looped.append((start, *resumed))
+    missing: list[Any] = [SimpleNamespace()]
+
+    def loop(bench: Any, start: Any, resumed: Any, missing: Any) -> Any:
+        looped.append((start, *resumed, missing))
         return resumed
 
     stand_ins = {
-        "begun": lambda bench: (bench, anew), "_loop": loop, "left_over": lambda *of: (),
+        "begun": lambda bench: (bench, anew), "_loop": loop, "left_over": lambda *of: (), "on_declared_arm": lambda bench, tried: [bench, *tried],
         "errors": lambda bench, state, data: SimpleNamespace(all=state.left),
     }  # fmt: skip
     _instead(monkeypatch, stand_ins)
     monkeypatch.setattr(Begun, "_told", lambda self, *of: of)
     benches: list[Any] = [SimpleNamespace(split=SimpleNamespace(report=())) for _ in range(2)]
     found: Any = SimpleNamespace(added=(entry,))
-    Begun((), (), benches[0], own).going_on(found, benches[other_parts], state)  # type: ignore[arg-type]
-    (start, of, entries) = looped[0]
-    assert start is (anew if other_parts else own) and of is state
+    Begun((), (), benches[0], own).going_on(found, benches[other_parts], state, missing)  # type: ignore[arg-type]
+    (start, of, entries, tried) = looped[0]
+    assert start is (anew if other_parts else own) and of is state and tried == [benches[other_parts], *missing]
     assert [(e.before, e.after, e.others, e.partly, e.besides) for e in entries] == [(start.left, 1.0, (), (), None)]
 
 

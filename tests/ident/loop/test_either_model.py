@@ -251,9 +251,9 @@ def test_links_that_leave_far_less_without_effects_come_first(
             runs.append("believed" if zeros else "found")
             return Left(model, by_zeros if zeros else by_general, 1)
 
-        def going_on(found: Left, split: None, left: float) -> Left:
+        def going_on(found: Left, split: None, left: float, missing: bool) -> Left:
             runs.append("gone on")
-            assert zeros and found.left == by_general and left == beside
+            assert zeros and found.left == by_general and left == beside and missing == named
             return Left(model, by_zeros, 1)
 
         bench = SimpleNamespace(late=False)

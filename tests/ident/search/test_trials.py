@@ -47,7 +47,7 @@ from ident.search.choice import (
     vanished,
 )
 from ident.search.contact import rubbing, rubbing_anew
-from ident.search.finer import curve_finely, finely, leader_finely, on_other_links
+from ident.search.finer import curve_finely, finely, leader_finely, on_declared_arm, on_other_links
 from ident.search.naming import named_by_load, of_any_order, plainer
 from ident.search.refits import FINELY, HASTILY, State
 from ident.search.trace import Linearised
@@ -167,6 +167,22 @@ def test_a_name_that_leads_but_not_far_ahead_is_fitted_finely(
     monkeypatch.setattr(ident.search.finer, "Refit", SimpleNamespace(of=lambda state: state.effects[-1]))
     found = leader_finely(BENCH, [one(DRY, 100.0), one(HARD, leads)])
     assert [state.select for _, state in found] == [100.0 * DOF, finer * DOF]
+
+
+@pytest.mark.parametrize(("left", "leaves"), [(0.96, 0.96), (1.3, 1.15)])
+def test_what_was_tried_beyond_an_arm_that_it_bent_is_fitted_from_the_declared_one(
+    left: float, leaves: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begins: list[Any] = []
+    monkeypatch.setattr(ident.search.finer, "Refit", SimpleNamespace(of=lambda state: SimpleNamespace(state=state)))
+    monkeypatch.setattr(ident.search.finer, "as_declared", lambda bench, state: ("declared", state.effects[-1]))
+    monkeypatch.setattr(
+        ident.search.finer, "replace", lambda refit, vector: begins.append(vector) or refit.state.effects[-1]
+    )
+    monkeypatch.setattr(ident.search.finer, "fitted", lambda bench, effect: one(effect, left)[1])
+    found = on_declared_arm(BENCH, [one(DRY, 131.0), one(HARD, 1.15)])
+    assert [state.select for _, state in found] == [131.0 * DOF, leaves * DOF] and begins == [("declared", HARD)]
+    assert on_declared_arm(BENCH, []) == []
 
 
 @pytest.mark.parametrize(("earlier", "fits"), [([], 1), ([one(HARD, 31.0, FINELY)], 0), ([one(HARD, 31.0)], 1)])
