@@ -61,6 +61,7 @@ from ident.search.rest import (
     LEFT,
     is_doubtful,
     is_little,
+    is_of_another_port,
     is_of_one_joint,
     is_suspect,
     is_uneven,
@@ -244,7 +245,7 @@ class Begun:
         self, bench: Bench, start: State, state: State, added: list[Added], left: tuple[Departure, ...]
     ) -> Diagnosis:
         """The diagnosis of what `_searched` has found."""
-        if left and is_of_one_joint(bench, start, state, added):
+        if left and (is_of_one_joint(bench, start, state, added) or is_of_another_port(bench, start, state, added)):
             bench.say(f"not named, as it leaves {reduced_chi2(bench, state):.4g}: {added[0].effect.name}")
             state, added = start, []
             left = left_over(bench, start, state)
