@@ -24,6 +24,7 @@ from ident.records.campaign import Campaign
 from ident.records.frf import Frf, estimate
 from ident.search.added import (
     Added,
+    but_for_played,
     drawn_on,
     exchanged,
     in_its_place,
@@ -395,4 +396,4 @@ def _loop(
         state = afresh(bench, state)
     state, added = of_another_size(bench, state, added)
     new = each_otherwise(bench, state)
-    return new, renumbered(state, new, added)
+    return but_for_played(bench, new, renumbered(state, new, added))
