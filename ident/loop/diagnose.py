@@ -24,6 +24,7 @@ from ident.records.campaign import Campaign
 from ident.records.frf import Frf, estimate
 from ident.search.added import (
     Added,
+    but_for_played,
     drawn_on,
     exchanged,
     in_its_place,
@@ -62,6 +63,7 @@ from ident.search.rest import (
     LEFT,
     is_doubtful,
     is_little,
+    is_of_another_port,
     is_of_one_joint,
     is_suspect,
     is_uneven,
@@ -245,7 +247,7 @@ class Begun:
         self, bench: Bench, start: State, state: State, added: list[Added], left: tuple[Departure, ...]
     ) -> Diagnosis:
         """The diagnosis of what `_searched` has found."""
-        if left and is_of_one_joint(bench, start, state, added):
+        if left and (is_of_one_joint(bench, start, state, added) or is_of_another_port(bench, start, state, added)):
             bench.say(f"not named, as it leaves {reduced_chi2(bench, state):.4g}: {added[0].effect.name}")
             state, added = start, []
             left = left_over(bench, start, state)
@@ -395,4 +397,4 @@ def _loop(
         state = afresh(bench, state)
     state, added = of_another_size(bench, state, added)
     new = each_otherwise(bench, state)
-    return new, renumbered(state, new, added)
+    return but_for_played(bench, new, renumbered(state, new, added))

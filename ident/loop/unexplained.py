@@ -12,12 +12,11 @@ from ident.arm.arm_fit import hold
 from ident.loop.artefacts import artefacts
 from ident.loop.diagnose import Diagnosis
 from ident.search.departures import Band
+from ident.search.rest import SAME_PORT
 from ident.search.trace import PORTS, linearise, port_shares
 
 #: A port explains what is left when a free force there takes this share of it.
 SOURCE = 0.5
-#: Ports of a joint that explain as much as this share of what the best one does are not told apart.
-SAME_PORT = 0.99
 
 
 @dataclass(frozen=True)

@@ -148,6 +148,23 @@ def drawn_on(bench: Bench, state: State, added: list[Added]) -> tuple[State, lis
     return less, _of_model(less, added)
 
 
+def but_for_played(bench: Bench, state: State, added: list[Added]) -> tuple[State, list[Added]]:
+    """The model without its last names, each of a joint at which a curve was found before, of what that left it takes less than half, and more
+    than noise is left with it: of what a curve leaves of its law any name plays a little."""
+    while len(added) > 1:
+        *before, last = added
+        drawn = any(isinstance(one.effect, Learned) and one.effect.joint == last.effect.joint for one in before)
+        named, half = last.effect.name != "unknown", last.gain < OUTDONE * last.excess
+        less = last.besides
+        if not (drawn and named and half) or less is None or len(less.effects) != len(before):
+            break
+        if reduced_chi2(bench, state) <= NAMED:
+            break
+        bench.say(f"  not named beside a curve, as it leaves {reduced_chi2(bench, state):.4g}: {told(last.effect)}")
+        state, added = less, before
+    return state, added
+
+
 def renewed(state: State, new: State, added: Sequence[Added]) -> list[Added]:
     """The entries, that of the last effect with what it is in the `new` model: a curve that bends is another one."""
     return [replace(a, effect=new.effects[-1]) if same(a.effect, state.effects[-1]) else a for a in added]

@@ -30,6 +30,9 @@ LOOKED_AT, SURE, SURE_SHARE = 20_000, 150.0, 0.005
 UNSEEN = 30.0
 #: Times its noise that the error of another joint shows that something acts there, too.
 ELSEWHERE = 2.0
+#: Share of the excess beyond which effects leave most of it, and that a force at one port explains alone if all of it acts there; ports
+#: that explain as much as this share of what the best one does are not told apart.
+MOST_LEFT, ALL, SAME_PORT = 0.5, 0.95, 0.99
 #: Share of the excess that found effects may leave, as laws are known but the motion they act on is measured.
 LEFT = 0.03
 
@@ -152,6 +155,19 @@ def is_of_one_joint(bench: Bench, start: State, state: State, added: Sequence[Ad
         return False
     by_port = max((share for _, _, share in added[0].port_shares), default=0.0)
     return by_port > 1.0 - share_left(bench, start, state)
+
+
+def is_of_another_port(bench: Bench, start: State, state: State, added: Sequence[Added]) -> bool:
+    """Whether all found leaves most of what was in excess, nearly all of which a free force would have explained at a port where none of
+    it acts: each plays a little of what acts there. What is no force at one port is not judged by that."""
+    if not added or share_left(bench, start, state) <= MOST_LEFT:
+        return False
+    shares = {(port, joint): share for port, joint, share in added[0].port_shares}
+    places = [(effect.port, effect.joint) for effect in state.effects if effect.joint is not None]
+    if len(places) < len(state.effects) or any(place not in shares for place in places):
+        return False
+    best = max(shares.values())
+    return best >= ALL and all(shares[place] < SAME_PORT * best for place in places)
 
 
 def share_left(bench: Bench, start: State, state: State) -> float:

@@ -33,6 +33,7 @@ from ident.search.contradicted import is_shapeless
 from ident.search.departures import errors
 from ident.search.finer import finer
 from ident.search.gains import named_gains, resolved
+from ident.search.knots import drawn_closely
 from ident.search.minima import LEAST_GAIN, fully, told
 from ident.search.naming import is_clear, named_by_load, of_any_order, plainer
 from ident.search.one_more import leading_to_one_more
@@ -115,6 +116,7 @@ def another(
             further = hasty(bench, state, lin, likely)
     best, tried = _best(bench, state, lin, tried, further, little, bends)
     best = best and best.refitted(with_closer_stops(bench, resolved(bench, best.state)))
+    best = best and drawn_closely(bench, best, tried)
     one = _entered(bench, state, best, tried, lin)
     names = None if best is None else named_gains(bench, best.state) or named_by_load(bench, best.state)
     if names is not None and earned(bench, state, names):

@@ -37,6 +37,7 @@ from ident.search.rest import (
     _fits_alone,
     _hardly_chooses,
     is_little,
+    is_of_another_port,
     is_of_one_joint,
     is_unseen,
     may_be_bent,
@@ -222,7 +223,8 @@ def test_an_arm_that_is_still_bent_is_fitted_afresh_before_more_is_looked_for_un
         return state, ["name"] * does
 
     stand_ins = dict.fromkeys(
-        ("apart", "exchanged", "pruned", "in_each_record"), lambda bench, state, added, *more: (state, added)
+        ("apart", "exchanged", "pruned", "in_each_record", "but_for_played"),
+        lambda bench, state, added, *more: (state, added),
     ) | {
         "reduced_chi2": lambda bench, state: state.left,
         "something_departs": lambda bench, state: state.left > 1.1,
@@ -519,6 +521,33 @@ def test_what_bends_the_whole_arm_is_not_named_where_one_joint_would_explain_mor
     assert not is_of_one_joint(bench, start, state, [])  # type: ignore[arg-type]
     bench.model.chain.n = 1
     assert not is_of_one_joint(bench, start, state, added)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("place", "left", "shares", "elsewhere"),
+    [
+        pytest.param(("sensor", 2), 0.8, (1.01, 0.96), True, id="a crank at the motor, taken for its encoder"),
+        pytest.param(("sensor", 2), 0.8, (1.01, 1.005), False, id="both ports explain as much"),
+        pytest.param(("motor", 2), 0.8, (1.01, 0.96), False, id="it acts there"),
+        pytest.param(("sensor", 2), 0.3, (1.01, 0.96), False, id="it explains most"),
+        pytest.param(("sensor", 2), 0.8, (0.8, 0.6), False, id="no port explains nearly all"),
+        pytest.param(("structure", 2), 0.8, (1.01, 0.96), False, id="it is no force at a port"),
+        pytest.param(("sensor", None), 0.8, (1.01, 0.96), False, id="one of the whole arm"),
+    ],
+)
+def test_what_explains_little_is_not_named_where_a_force_at_another_port_would_explain_all(
+    place: tuple[str, int | None],
+    left: float,
+    shares: tuple[float, float],
+    elsewhere: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("ident.search.rest.share_left", lambda bench, start, state: left)
+    state: Any = SimpleNamespace(effects=(SimpleNamespace(port=place[0], joint=place[1]),))
+    ports = (("motor", 2, shares[0]), ("sensor", 2, shares[1]), ("link", 1, 0.1))
+    added: Any = [SimpleNamespace(port_shares=ports)]
+    assert is_of_another_port(state, state, state, added) == elsewhere
+    assert not is_of_another_port(state, state, state, [])
 
 
 @pytest.mark.bench

@@ -20,7 +20,17 @@ from ident.effects.motor import InputDelay, TorqueLag
 from ident.effects.spring import SpringHardening
 from ident.effects.structure import LinkFlexibility
 from ident.loop.diagnose import _better
-from ident.search.added import Added, drawn_on, drawn_over, exchanged, largest_first, of_another_size, outdone, pruned
+from ident.search.added import (
+    Added,
+    but_for_played,
+    drawn_on,
+    drawn_over,
+    exchanged,
+    largest_first,
+    of_another_size,
+    outdone,
+    pruned,
+)
 from ident.search.choice import Tried
 from ident.search.refits import Refit, instead
 
@@ -288,3 +298,31 @@ def test_what_winds_a_spring_up_and_was_found_while_another_was_missing_is_tried
         monkeypatch.setattr(ident.search.added, name, stand_in)
     assert of_another_size(BENCH, found, []) == ((better, []) if sized else (found, []))
     assert asked == list(effects[:sized])
+
+
+PLAYED = learned("motor", "drive", [-1.0, 1.0])(2, (-0.1, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "gain", "left", "kept"),
+    [
+        pytest.param(
+            PLAYED, DELAY, 0.42, 3.6, False, id="a delay beside what is drawn of a saturating motor with a loop"
+        ),
+        pytest.param(PLAYED, DELAY, 0.6, 3.6, True, id="it takes most of what the curve left"),
+        pytest.param(PLAYED, DELAY, 0.42, 1.05, True, id="nothing is left"),
+        pytest.param(PLAYED, LinkCoulomb(1, (0.07,)), 0.42, 3.6, True, id="another joint's"),
+        pytest.param(DRY, DELAY, 0.42, 3.6, True, id="beside a name"),
+        pytest.param(PLAYED, learned("link", "torque", [-1.0, 1.0])(2, (-0.1, 0.1)), 0.42, 3.6, True, id="a curve"),
+    ],
+)
+def test_a_name_that_plays_a_little_of_what_a_curve_leaves_is_not_told(
+    first: Effect, second: Effect, gain: float, left: float, kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ident.search.added, "reduced_chi2", lambda bench, state: state.select / DOF)
+    alone = state(5.5, first)
+    added = [entry(first), replace(entry(second), gain=gain * 4500.0, excess=4500.0, besides=alone)]
+    both = state(left, first, second)
+    found, entries = but_for_played(BENCH, both, added)
+    assert (found, entries) == ((both, added) if kept else (alone, added[:1]))
+    assert kept or but_for_played(BENCH, both, [added[0], replace(added[1], besides=None)])[0] is both, "nobody knows"
