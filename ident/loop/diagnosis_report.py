@@ -260,20 +260,21 @@ def not_held_out(verdict: dict[str, Any]) -> list[str]:
 
 def text(verdict: dict[str, Any], brief: bool = False, few: Collection[str] = ()) -> str:
     """The verdict as a page of plain text; `brief`: the sentence, the table of errors and the effects only; `few` as in `sentence`."""
-    e = verdict["error"]
-    lines = [sentence(verdict, few), "", f"{'held-out error [%]':<22}{'before':>9}{'after':>9}{'noise':>9}"]
+    e, once = verdict["error"], verdict["status"] == "explained"  # then nothing was added between before and after
+    titles = ("error", "noise") if once else ("before", "after", "noise")
+    lines = [sentence(verdict, few), "", f"{'held-out error [%]':<22}" + "".join(f"{title:>9}" for title in titles)]
     rows = [("all", e["before"]["all"], e["after"]["all"], e["noise_floor"])]
     of_joints, of_bands = (
         [(name, e["before"][key][name], after, e[noise].get(name)) for name, after in e["after"][key].items()]
         for key, noise in (("per_joint", "noise_per_joint"), ("per_band", "noise_per_band"))
     )
-    lines += _errors(rows + of_joints)
+    lines += _errors(rows + of_joints, once)
     lines += [f"{joint:<22} no held-out record excites it" for joint in not_held_out(verdict)]
-    lines += _errors(of_bands)
+    lines += _errors(of_bands, once)
     of_links = [
         (f"{joint}, link encoder", w["before"], w["after"], w["noise"]) for joint, w in verdict["link_encoders"].items()
     ]
-    lines += _errors(of_links)
+    lines += _errors(of_links, once)
     lines += ["", nearest(verdict)] if growth(verdict) else []
     for k, effect in enumerate(verdict["effects"], 1):
         lines += [""] * (not effect["declared"] or k == len(_lacking(verdict)) + 1)
@@ -294,12 +295,9 @@ def text(verdict: dict[str, Any], brief: bool = False, few: Collection[str] = ()
     return "\n".join(lines)
 
 
-def _errors(rows: list[tuple[str, float, float, float | None]]) -> list[str]:
-    """Lines of the table: errors before and after, and noise."""
-    return [
-        f"{name:<22}" + "".join(f"{_cell(value):>9}" for value in (before, after, noise))
-        for name, before, after, noise in rows
-    ]
+def _errors(rows: list[tuple[str, float, float, float | None]], once: bool) -> list[str]:
+    """Lines of the table: errors before and after, or `once` the one, and noise."""
+    return [f"{name:<22}" + "".join(f"{_cell(value):>9}" for value in values[once:]) for name, *values in rows]
 
 
 def _of_effect(k: int, effect: dict[str, Any], verdict: dict[str, Any], brief: bool) -> list[str]:

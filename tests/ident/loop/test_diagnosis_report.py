@@ -138,6 +138,8 @@ def test_nothing_found_is_said_plainly(file):
     assert sentence(v).endswith("within its noise. What stands alone at 49.5, 150 Hz is left out.")
     page = words(d, v)
     assert "What stays unexplained" not in page and "σ is of noise alone" not in page
+    heading, first, *_ = text(v).splitlines()[2:]
+    assert (heading.split()[-3:], len(first.split())) == (["[%]", "error", "noise"], 3), "before and after are the same"
     assert "<th>error<br>%</th>" in page and "before" not in page.split("Error on")[1].split("</table>")[0]
     drawn = html(d, v).split("<svg")[1].split("</svg>")[0]
     assert ">left<" in drawn and "left before" not in drawn
