@@ -335,14 +335,14 @@ def chi_squared_of(problem: Problem, vector: Array, one: Evidence, kept: Held) -
     """chi^2 of one record; infinite as that of all."""
     with np.errstate(all="ignore"):  # a trial step beyond numbers is refused for its size
         J = one.scene.arm.J(problem.parameters(vector))
-        if not np.isfinite(J).all() or not _is_positive(J):
+        if not np.isfinite(J).all() or not is_positive(J):
             return float(np.inf)
         r = residual(problem, vector, one, kept.moved, judged=True)[0]
         chi2 = 2.0 * float(np.sum(np.abs(whitened_by(kept.W[one.use], r)) ** 2))
     return chi2 if np.isfinite(chi2) else float(np.inf)
 
 
-def _is_positive(J: Array) -> bool:
+def is_positive(J: Array) -> bool:
     """Whether an inertia matrix [m, m] is positive beyond rounding, by which it would have no inverse."""
     moments = np.linalg.eigvalsh(J)
     return bool(moments[0] > len(J) * np.finfo(float).eps * moments[-1])

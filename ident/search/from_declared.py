@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from ident.arm.parts import degrees
 from ident.effects.base import Effect, only_read, winds_up
+from ident.effects.sensor import JointZeroOffset
 from ident.effects.structure import LockedJointElasticity
 from ident.search.candidates import Candidate, best_of, catalogue, nearer
 from ident.search.choice import MUCH, SLIGHT, UNLIKELY, Tried, left_by
@@ -63,11 +64,14 @@ def soft_bases(bench: Bench, state: State, tried: Sequence[Tried], declared: Lin
 
 
 def _at_once(bench: Bench, state: State, declared: Linearised, names: Sequence[Candidate]) -> list[Tried]:
-    """Those of the likely `names` that are fitted at once, the best finely where it leaves little."""
-    plain = [c for c in names if only_read(c.effect) and c.gain > SLIGHT * names[0].gain][:SURELY]
+    """Those of the likely `names` that are fitted at once, the best finely where it leaves little. Where only names are wanted, as general
+    links do alone, zeros that are off in any case: these look like such links most."""
+    zeros = [c for c in names if bench.only_names and isinstance(c.effect, JointZeroOffset)]
+    slight = SLIGHT * max((c.gain for c in names), default=0.0)
+    plain = [c for c in names if only_read(c.effect) and (c.gain > slight or c in zeros)][:SURELY]
     tried = refitted(bench, state, [(c, declared) for c in plain])
     best = min(tried, key=left_by, default=None)
-    if best is None or left_by(best) > UNLIKELY * state.select:
+    if best is None or left_by(best) > (1.0 if zeros else UNLIKELY) * state.select:
         return tried
     return [one.refitted(finer(bench, one.state)) if one is best else one for one in tried]
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.arm.arm_fit import is_positive
 from ident.arm.arm_model import Parameters
 from ident.arm.coupled import DOUBTS
 from ident.arm.parts import united
@@ -43,6 +44,9 @@ def unbent(bench: Bench, start: State) -> Bench:
     firmly, declared = replace(told[joint], firm=FIRMLY), bench.guess.vector()
     # From the declared one, too: what no record shows may be anywhere in `vector`.
     ends = [fitted(firmly, Refit(begin, (), (), (), lines=FIRST_LINES)) for begin in (vector, declared)]
+    ends = [end for end in ends if _is_an_arm(bench, end)]
+    if not ends:
+        return bench
     least, vector = min(((reduced_chi2(firmly, end), end.minimum.vector) for end in ends), key=lambda one: one[0])
     bench.say(f"  without records of joint {joint + 1} the arm leaves {least:.3g}: from there")
     n, D = bench.model.chain.n, len(bench.guess.alpha)
@@ -50,6 +54,12 @@ def unbent(bench: Bench, start: State) -> Bench:
     off = own[(own >= 2 * n) | (np.abs(vector[own] - declared[own]) > DOUBTED)]
     vector[off] = declared[off]
     return replace(bench, guess=Parameters.of(vector, n, D), declared=bench.guess)
+
+
+def _is_an_arm(bench: Bench, state: State) -> bool:
+    """Whether the inertia matrix of a model is one at the postures of all records: at those that do not fit it need not be."""
+    p, split = state.problem.parameters(state.minimum.vector), bench.split
+    return all(is_positive(one.scene.arm.J(p)) for one in united(*split.fit, *split.select, *split.report))
 
 
 def _without(bench: Bench, joint: int) -> Bench:

@@ -9,7 +9,7 @@ import diagnosed
 import numpy as np
 import pytest
 
-from ident.arm.arm_fit import _is_positive
+from ident.arm.arm_fit import is_positive
 from ident.arm.coupled import CoupledFit, fit_coupled
 from ident.arm.evidence import evidence, gravity_basis
 from ident.arm.lone_lines import ALONE, _times_others, lone_lines
@@ -130,6 +130,6 @@ def test_angles_are_silent_at_lines_that_are_left_out() -> None:
 
 
 def test_an_inertia_matrix_that_rounding_alone_makes_positive_explains_nothing() -> None:
-    assert _is_positive(np.diag([1e-6, 10.0]))
+    assert is_positive(np.diag([1e-6, 10.0]))
     for scale in (1.0, 1e-9):
-        assert not _is_positive(scale * (np.ones((2, 2)) + 1e-16 * np.eye(2)))
+        assert not is_positive(scale * (np.ones((2, 2)) + 1e-16 * np.eye(2)))

@@ -10,6 +10,7 @@ import pytest
 import ident.search.from_declared
 from ident.effects.base import Effect
 from ident.effects.motor import InputDelay, TorqueLag
+from ident.effects.sensor import JointZeroOffset
 from ident.effects.spring import Backlash, SpringHardening
 from ident.search.candidates import Candidate
 from ident.search.choice import Tried
@@ -17,6 +18,7 @@ from ident.search.from_declared import from_declared, tried_bending
 
 DOF = 1000
 LAG, DELAY = TorqueLag(0, (1e-3,)), InputDelay(0, (1e-3,))
+ZERO = JointZeroOffset(1, (0.1,))
 HARD, PLAY = SpringHardening(0, (1e7,)), Backlash(0, (1e-3,))
 
 
@@ -54,9 +56,15 @@ def test_what_is_fitted_at_once_comes_first_whatever_others_promise(
     }
     for key, stand_in in stand_ins.items():
         monkeypatch.setattr(ident.search.from_declared, key, stand_in)
-    bench: Any = SimpleNamespace(workers=1, split=SimpleNamespace(select=()))
+    bench: Any = SimpleNamespace(workers=1, only_names=False, split=SimpleNamespace(select=()))
     found = from_declared(bench, state(None, 3000.0), None)
     assert list(dict.fromkeys(one.candidate.effect for one in found)) == tried
+    # where general links explain alone, a zero that is off is looked at whatever it promises, finely if it leaves less than there was
+    promised[ZERO], left[ZERO], left[LAG] = 1e5, 1100.0, 1200.0
+    bench.only_names = True
+    first = [one.candidate.effect for one in from_declared(bench, state(None, 3000.0), None)][:3]
+    assert first == [LAG, DELAY, ZERO]
+    assert from_declared(bench, state(None, 3000.0), None)[2].state.select == finely * DOF
 
 
 @pytest.mark.parametrize("only_names", [False, True])

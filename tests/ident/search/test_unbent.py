@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import ident.search.unbent
 from ident.effects.catalogue import parse
 from ident.loop.diagnose import Begun, begin
 from ident.records.frf import estimate
 from ident.search.refits import reduced_chi2
-from ident.search.unbent import DOUBTED, unbent
+from ident.search.unbent import DOUBTED, _is_an_arm, unbent
 from ident.simulator.bench import simulate
 from symgen.plan import chain_of_robot, make_model, plan_of_robot
 from symgen.robot import Robot, load_robot
@@ -60,3 +61,20 @@ def test_what_bends_the_arm_at_one_joint_is_left_out_with_its_records(joint: int
 def test_an_arm_that_nothing_bends_or_something_everywhere_stays_as_declared(effects: tuple[str, ...]) -> None:
     found = begun(*effects, robot=BRIEF)
     assert unbent(found.bench, found.start) is found.bench
+
+
+def test_it_begins_from_no_arm_whose_inertia_is_none_at_another_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that do not fit it need not have one: every fit from there had no number (a zero of arm6, "unexplained")."""
+    found = begun(robot=BRIEF)
+    state = found.start
+    vector = state.minimum.vector.copy()
+    vector[4 * CHAIN.n :] *= -1.0
+    none = replace(state, minimum=replace(state.minimum, vector=vector))
+    assert _is_an_arm(found.bench, state) and not _is_an_arm(found.bench, none)
+    left = iter([0.5, 400.0, 300.0])
+    monkeypatch.setattr(ident.search.unbent, "FEWEST", 1)
+    monkeypatch.setattr(ident.search.unbent, "fitted", lambda bench, refit: none)
+    monkeypatch.setattr(
+        ident.search.unbent, "reduced_chi2", lambda bench, one: 1000.0 if one is state else next(left, 0.5)
+    )
+    assert unbent(found.bench, state) is found.bench
