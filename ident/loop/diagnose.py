@@ -41,7 +41,7 @@ from ident.search.choice import Tried
 from ident.search.contradicted import Off, contradicted, merged
 from ident.search.departures import Departure, Errors, errors
 from ident.search.each_record import in_each_record
-from ident.search.finer import on_declared_arm
+from ident.search.from_declared import on_declared_arm
 from ident.search.minima import afresh, links_anew, settled
 from ident.search.one_more import one_more
 from ident.search.refits import (

@@ -89,15 +89,10 @@ def _diagnosed(
     gone_on: Callable[[], Diagnosis] | None = None
     if far:  # a search with the zeros believed would look for what links that are not symmetric do
         found = by_general()
-        bench, state = simplest.beside(found.end, found.split)
         if found.left <= NAMED:
-            left = reduced_chi2(bench, state)
-            _, missing = one_more(bench, state)
-            does = left <= NAMED or bool(missing)  # as they are, or with one name more
-            if left > CLOSE and not does:
+            stands, gone_on = _beside_zeros(simplest, found)
+            if stands:
                 return found, notes
-            if does and found.added:
-                gone_on = partial(simplest.going_on, found, bench, state, missing)
     say(f"zeros of the URDF believed: {believed}")
 
     at_once = False
@@ -148,6 +143,16 @@ def _diagnosed(
     )
     note = f"{zeros_believed(believed)}: more constants {tried} (--no-believe-zeros takes them for unknown"
     return simple, (note + ("; then the records are explained without an effect, too)." if alone else ")."),)
+
+
+def _beside_zeros(simplest: Begun, found: Diagnosis) -> tuple[bool, Callable[[], Diagnosis] | None]:
+    """Whether what was found with general links stands, as with the zeros believed it leaves something, and so does one name more; and how to go
+    on from it there, where it does."""
+    bench, state = simplest.beside(found.end, found.split)
+    left, (_, missing) = reduced_chi2(bench, state), one_more(bench, state)
+    does = left <= NAMED or bool(missing)
+    gone_on = partial(simplest.going_on, found, bench, state, missing) if does and found.added else None
+    return left > CLOSE and not does, gone_on
 
 
 def _fewer_do(general: Begun, simple: Diagnosis) -> bool:

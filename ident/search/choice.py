@@ -47,6 +47,11 @@ class Tried(NamedTuple):
         return Tried(self.candidate, state)
 
 
+def with_model(tried: Sequence[Tried], one: Tried, state: State) -> list[Tried]:
+    """The candidates, `one` of them with its model fitted again."""
+    return [other.refitted(state) if other is one else other for other in tried]
+
+
 def is_curve(one: Tried) -> bool:
     return one.candidate.effect.name == "unknown"
 

@@ -16,7 +16,7 @@ from ident.effects.hysteresis import Hysteresis
 from ident.effects.learned import KINDS, VARIABLES
 from ident.effects.motor import TorqueScale
 from ident.search.candidates import Candidate, best_of, of_kinds, units
-from ident.search.choice import Tried, is_curve, left_by
+from ident.search.choice import Tried, is_curve, left_by, with_model
 from ident.search.curves import curve_of, sticking
 from ident.search.minima import CREPT, creeping_like, crept, told
 from ident.search.own_records import by_own
@@ -77,7 +77,7 @@ def as_it_winds(bench: Bench, tried: list[Tried], near: float) -> list[Tried]:
     if not new.select < FALLING * best.state.select:
         return tried
     bench.say(f"  by its own records first, {told(new.effects[-1])}: {reduced_chi2(bench, new):.4g}")
-    return [one.refitted(new) if one is best else one for one in tried]
+    return with_model(tried, best, new)
 
 
 def as_it_sticks(bench: Bench, state: State, lin: Linearised, tried: list[Tried]) -> list[Tried]:

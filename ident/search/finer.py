@@ -3,26 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ident.arm.parts import degrees
-from ident.search.choice import Tried, ended_there, is_curve, left_by
-from ident.search.links_off import by_links, hastily_carrying_others
+from ident.search.choice import Tried, ended_there, is_curve, left_by, with_model
 from ident.search.minima import told
-from ident.search.refits import (
-    CLOSE,
-    FALLING,
-    FINELY,
-    Bench,
-    Refit,
-    State,
-    all_fitted,
-    as_declared,
-    fitted,
-    reduced_chi2,
-)
+from ident.search.refits import CLOSE, FALLING, FINELY, Bench, Refit, State, all_fitted, fitted, reduced_chi2
 
 #: Share of what any other candidate leaves that one leaves which may be far ahead once it is fitted finely: nothing else is tried then.
 #: Below the first one it is far ahead already.
@@ -30,8 +17,6 @@ LEADING, FORWARD = 0.1, 0.5
 #: Times what the best curve leaves, hastily fitted, that one of dry friction may leave to do better finely fitted: in haste the motion
 #: that friction leaves is hardly found.
 AS_DRY = 2.0
-#: Times what the best candidate leaves that one of declared links may leave which may leave nothing with others.
-BY_LINKS = 2.0
 #: While none of the candidates is near, those whose chi^2 is `FALLING` go on so many times.
 PATIENCE = 4
 
@@ -64,32 +49,6 @@ def curves_alike(tried: Sequence[Tried]) -> list[Tried]:
     ]
 
 
-def on_other_links(bench: Bench, tried: list[Tried], known: Sequence[Tried] = ()) -> list[Tried]:
-    """The candidates, the best that carries the declared links with others if it leaves nothing then, unless it was `known`: with those it
-    leads the fit astray, and all else is tried in vain."""
-    least = min(map(left_by, tried), default=0.0)
-    likely = [one for one in tried if left_by(one) <= BY_LINKS * least and by_links(bench, one.state)]
-    best = min(likely, key=left_by, default=None)
-    if best is None or bench.late or any(one is best for one in known):
-        return tried
-    state = hastily_carrying_others(bench, best.state)
-    if state is best.state:
-        return tried
-    bench.say(f"  on other links, {told(state.effects[-1])}: {reduced_chi2(bench, state):.4g}")
-    return [one.refitted(state) if one is best else one for one in tried]
-
-
-def on_declared_arm(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
-    """The candidates, the best fitted from the declared arm, too: what was missing may have bent that beyond which they were tried."""
-    best = min(tried, key=left_by, default=None)
-    if best is None:
-        return []
-    anew = fitted(bench, replace(Refit.of(best.state), vector=as_declared(bench, best.state)))
-    bench.say(f"  from the declared arm, {told(anew.effects[-1])}: {reduced_chi2(bench, anew):.4g}")
-    state = min(best.state, anew, key=lambda one: one.select)
-    return [one.refitted(state) if one is best else one for one in tried]
-
-
 def leader_finely(bench: Bench, tried: list[Tried], earlier: Sequence[Tried] = ()) -> list[Tried]:
     """The candidates, the best fitted finely if it leads already, unless that ended `earlier` where it is: it may be far ahead, and nothing
     else need be tried."""
@@ -104,8 +63,7 @@ def leader_finely(bench: Bench, tried: list[Tried], earlier: Sequence[Tried] = (
 
 def with_finer(bench: Bench, tried: Sequence[Tried], best: Tried) -> list[Tried]:
     """The candidates, one of them fitted finely."""
-    state = finer(bench, best.state)
-    return [one.refitted(state) if one is best else one for one in tried]
+    return with_model(tried, best, finer(bench, best.state))
 
 
 def finer(bench: Bench, state: State) -> State:

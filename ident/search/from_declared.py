@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from ident.arm.parts import degrees
 from ident.effects.base import Effect, only_read, winds_up
 from ident.effects.sensor import JointZeroOffset
 from ident.effects.structure import LockedJointElasticity
 from ident.search.candidates import Candidate, best_of, catalogue, nearer
-from ident.search.choice import MUCH, SLIGHT, UNLIKELY, Tried, left_by
+from ident.search.choice import MUCH, SLIGHT, UNLIKELY, Tried, left_by, with_model
 from ident.search.contact import as_it_creeps, as_it_sticks, as_it_winds
-from ident.search.finer import finer
-from ident.search.refits import BENT, CLOSE, NAMED, Bench, State, as_declared, linearised, reduced_chi2, same
+from ident.search.finer import with_finer
+from ident.search.minima import told
+from ident.search.refits import (
+    BENT,
+    CLOSE,
+    NAMED,
+    Bench,
+    Refit,
+    State,
+    as_declared,
+    fitted,
+    linearised,
+    reduced_chi2,
+    same,
+)
 from ident.search.resized import larger
 from ident.search.shapes import bending, only_shapes
 from ident.search.trace import Linearised
@@ -52,6 +66,16 @@ def from_declared(bench: Bench, state: State, found: Effect | None, bases: bool 
     return as_it_sticks(bench, state, declared, as_it_moves(bench, tried))
 
 
+def on_declared_arm(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:
+    """The candidates, the best fitted from the declared arm, too: what was missing may have bent that beyond which they were tried."""
+    best = min(tried, key=left_by, default=None)
+    if best is None:
+        return []
+    anew = fitted(bench, replace(Refit.of(best.state), vector=as_declared(bench, best.state)))
+    bench.say(f"  from the declared arm, {told(anew.effects[-1])}: {reduced_chi2(bench, anew):.4g}")
+    return with_model(tried, best, min(best.state, anew, key=lambda one: one.select))
+
+
 def soft_bases(bench: Bench, state: State, tried: Sequence[Tried], declared: Linearised | None = None) -> list[Tried]:
     """Soft bases beyond the declared arm with the effects of `state`, linearised in `declared`, where all that was `tried` leaves much: a soft
     base, or lock, bends the whole arm, and promises nothing from there."""
@@ -73,7 +97,7 @@ def _at_once(bench: Bench, state: State, declared: Linearised, names: Sequence[C
     best = min(tried, key=left_by, default=None)
     if best is None or left_by(best) > (1.0 if zeros else UNLIKELY) * state.select:
         return tried
-    return [one.refitted(finer(bench, one.state)) if one is best else one for one in tried]
+    return with_finer(bench, tried, best)
 
 
 def tried_bending(

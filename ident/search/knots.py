@@ -30,19 +30,18 @@ def drawn_closely(bench: Bench, best: Tried, tried: Sequence[Tried]) -> Tried:
     one = best.refitted(with_closer_knots(bench, best.state))
     dof = degrees(bench.split.select)
     most = dof + AS_COARSE * (left_by(best) - dof)
-    others = [
-        other
-        for other in sorted(tried, key=left_by)
-        if is_curve(other)
-        and other.candidate.effect.joint == best.candidate.effect.joint
-        and _kind(other) != _kind(best)
-    ]
-    for other in others[:1]:
-        if left_by(other) > most or not _may_be_closer(bench, other.state) or reduced_chi2(bench, one.state) <= NAMED:
-            break
-        state = with_closer_knots(bench, fitted(bench, Refit.of(other.state)))
-        one = other.refitted(state) if state.select < left_by(one) - LEAST_GAIN else one
-    return one
+    joint = best.candidate.effect.joint
+    drawn = (curve for curve in sorted(tried, key=left_by) if is_curve(curve) and curve.candidate.effect.joint == joint)
+    other = next((curve for curve in drawn if _kind(curve) != _kind(best)), None)
+    if (
+        other is None
+        or left_by(other) > most
+        or not _may_be_closer(bench, other.state)
+        or reduced_chi2(bench, one.state) <= NAMED
+    ):
+        return one
+    state = with_closer_knots(bench, fitted(bench, Refit.of(other.state)))
+    return other.refitted(state) if state.select < left_by(one) - LEAST_GAIN else one
 
 
 def with_closer_knots(bench: Bench, state: State) -> State:

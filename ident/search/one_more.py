@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.effects.base import Effect, only_gains, only_shares, overrides, winds_up
 from ident.search.candidates import CHANGE, catalogue
-from ident.search.choice import CURVE_SHARE, Tried, best_names, is_curve, left_by, plainest
+from ident.search.choice import CURVE_SHARE, Tried, best_names, is_curve, left_by, plainest, with_model
 from ident.search.finer import finer
 from ident.search.links_off import by_links
 from ident.search.minima import told
@@ -73,7 +73,7 @@ def leading_to_one_more(
     if not NAMED < reduced_chi2(bench, best.state) < leaves * reduced_chi2(bench, state):
         return names, None
     lead = finer(bench, best.state) if best.state.roughly > FINELY else best.state
-    names = [one.refitted(lead) if one is best else one for one in names]
+    names = with_model(names, best, lead)
     if reduced_chi2(bench, lead) <= NAMED or by_links(bench, lead):
         return names, None
 

@@ -28,6 +28,7 @@ from ident.search.choice import (
     rings_ahead,
     rivals,
     vanished,
+    with_model,
 )
 from ident.search.contradicted import is_shapeless
 from ident.search.departures import errors
@@ -301,7 +302,7 @@ def _best(
             plain, likely = names_alike(best.state)
             tried += refitted(bench, plain, likely)
         for name in [] if rings_ahead(tried) else likeliest(bench, tried)[:1]:  # which may do as well at its minimum
-            tried = [one.refitted(fully(bench, one.state)) if one is name else one for one in tried]
+            tried = with_model(tried, name, fully(bench, name.state))
         best = chosen(bench, tried, state.select)
     if best is None or not np.isfinite(best.state.select) or (is_curve(best) and left_by(best) > state.select):
         return None, tried

@@ -26,10 +26,11 @@ from ident.search.choice import (
     left_by,
     rings_ahead,
     vanished,
+    with_model,
 )
 from ident.search.contact import as_it_sticks, balanced, besides, rubbing, rubbing_anew
 from ident.search.curves import curves, resonances, responses
-from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely, on_other_links
+from ident.search.finer import LEADING, curve_finely, curves_alike, finely, finer, leader_finely
 from ident.search.from_declared import as_it_moves, from_declared, soft_bases, tried_bending
 from ident.search.minima import LEAST_GAIN, afresh, elsewhere, fully, told, wound_up
 from ident.search.refits import (
@@ -50,7 +51,7 @@ from ident.search.refits import (
 )
 from ident.search.shapes import ringing
 from ident.search.trace import Linearised, distorts
-from ident.search.tried import by_few_lines, refitted, with_candidate
+from ident.search.tried import by_few_lines, on_other_links, refitted, with_candidate
 from ident.search.whole_numbers import last_otherwise, otherwise_if_left
 
 #: Candidates of the catalogue refitted in each round (least and most), and learned curves.
@@ -230,7 +231,7 @@ def _nearest_finely(bench: Bench, tried: list[Tried]) -> list[Tried]:
         return tried
     for near in sorted((one for one in tried if left_by(one) <= NEAR_BEST * left_by(best)), key=left_by):
         state = otherwise_if_left(bench, finer(bench, near.state))
-        tried = [one.refitted(state) if one is near else one for one in tried]
+        tried = with_model(tried, near, state)
         if bench.late or reduced_chi2(bench, state) <= NAMED:
             break
     return tried
@@ -338,7 +339,7 @@ def polished(bench: Bench, tried: Sequence[Tried], before: float = np.inf) -> li
         return found
     best_name, likeliest = named[0], max(named, key=lambda one: one.candidate.gain)
     if likeliest is not best_name and (other := last_otherwise(bench, likeliest.state)) is not likeliest.state:
-        found = [one.refitted(other) if one is likeliest else one for one in found]
+        found = with_model(found, likeliest, other)
         best_name = best_names(found)[0]
     if drawn_whole(bench, found):
         return found
@@ -347,7 +348,7 @@ def polished(bench: Bench, tried: Sequence[Tried], before: float = np.inf) -> li
     curve = min((left_by(one) for one in found if is_curve(one)), default=np.inf)
     if far and not bench.late and curve > UNLIKELY * better.select:
         better = elsewhere(bench, better, better.effects[-1])
-    return [one.refitted(better) if one is best_name else one for one in found]
+    return with_model(found, best_name, better)
 
 
 def likeliest(bench: Bench, tried: Sequence[Tried]) -> list[Tried]:

@@ -11,7 +11,8 @@ from ident.effects.base import Effect, winds_up
 from ident.effects.waves import order_of
 from ident.records.campaign import Array
 from ident.search.candidates import Candidate, bounds, units
-from ident.search.choice import Tried
+from ident.search.choice import Tried, left_by, with_model
+from ident.search.links_off import by_links, hastily_carrying_others
 from ident.search.minima import told
 from ident.search.refits import (
     FIRST_LINES,
@@ -33,6 +34,8 @@ BEST, BENT_MORE = 2, 2.0
 #: Share of what there was that one leaves which leaves nearly nothing; chi^2 per degree of freedom beyond which there was so much that
 #: noise is nothing; and share of what such a one promises, that others must.
 NEARLY, SOMETHING, PROMISED = 0.03, 1.5, 0.5
+#: Times what the best candidate leaves that one of declared links may leave which may leave nothing with others.
+BY_LINKS = 2.0
 
 
 def by_few_lines(bench: Bench, state: State, lin: Linearised, likely: Sequence[Candidate]) -> list[Tried]:
@@ -62,6 +65,21 @@ def refitted(bench: Bench, state: State, short: Sequence[tuple[Candidate, Linear
         if bench.late or all(other.gain < PROMISED * whole for other in candidates[len(tried) :]):
             break
     return tried
+
+
+def on_other_links(bench: Bench, tried: list[Tried], known: Sequence[Tried] = ()) -> list[Tried]:
+    """The candidates, the best that carries the declared links with others if it leaves nothing then, unless it was `known`: with those it
+    leads the fit astray, and all else is tried in vain."""
+    least = min(map(left_by, tried), default=0.0)
+    likely = [one for one in tried if left_by(one) <= BY_LINKS * least and by_links(bench, one.state)]
+    best = min(likely, key=left_by, default=None)
+    if best is None or bench.late or any(one is best for one in known):
+        return tried
+    state = hastily_carrying_others(bench, best.state)
+    if state is best.state:
+        return tried
+    bench.say(f"  on other links, {told(state.effects[-1])}: {reduced_chi2(bench, state):.4g}")
+    return with_model(tried, best, state)
 
 
 def again(bench: Bench, state: State, earlier: Sequence[State]) -> list[Tried]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+import ident.search.finer
 import ident.search.from_declared
 from ident.effects.base import Effect
 from ident.effects.motor import InputDelay, TorqueLag
@@ -49,13 +50,13 @@ def test_what_is_fitted_at_once_comes_first_whatever_others_promise(
         "nearer": lambda lin, candidate: candidate,
         "larger": lambda candidate, times: Candidate(PLAY, 0.0, ()),
         "refitted": lambda bench, model, short: [Tried(c, state(c.effect, left[c.effect])) for c, _ in short],
-        "finer": lambda bench, model: state(model.effects[0], finely),
         "tried_bending": lambda *of: [],
         "as_it_creeps": lambda bench, found, near: found,
         "as_it_winds": lambda bench, found, near: found,
     }
     for key, stand_in in stand_ins.items():
         monkeypatch.setattr(ident.search.from_declared, key, stand_in)
+    monkeypatch.setattr(ident.search.finer, "finer", lambda bench, model: state(model.effects[0], finely))
     bench: Any = SimpleNamespace(workers=1, only_names=False, split=SimpleNamespace(select=()))
     found = from_declared(bench, state(None, 3000.0), None)
     assert list(dict.fromkeys(one.candidate.effect for one in found)) == tried

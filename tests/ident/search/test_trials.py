@@ -12,6 +12,7 @@ import pytest
 import ident.search.choice
 import ident.search.contact
 import ident.search.finer
+import ident.search.from_declared
 import ident.search.links_off
 import ident.search.minima
 import ident.search.naming
@@ -47,7 +48,8 @@ from ident.search.choice import (
     vanished,
 )
 from ident.search.contact import rubbing, rubbing_anew
-from ident.search.finer import curve_finely, finely, leader_finely, on_declared_arm, on_other_links
+from ident.search.finer import curve_finely, finely, leader_finely
+from ident.search.from_declared import on_declared_arm
 from ident.search.naming import named_by_load, of_any_order, plainer
 from ident.search.refits import FINELY, HASTILY, State
 from ident.search.trace import Linearised
@@ -63,7 +65,7 @@ from ident.search.trials import (
     polished,
     resting,
 )
-from ident.search.tried import again, by_few_lines, refitted
+from ident.search.tried import again, by_few_lines, on_other_links, refitted
 
 DOF = 1000
 CURVE = learned("spring", "position", [-1.0, 0.0, 1.0])(1, (0.0, 0.0, 0.0))
@@ -174,12 +176,14 @@ def test_what_was_tried_beyond_an_arm_that_it_bent_is_fitted_from_the_declared_o
     left: float, leaves: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     begins: list[Any] = []
-    monkeypatch.setattr(ident.search.finer, "Refit", SimpleNamespace(of=lambda state: SimpleNamespace(state=state)))
-    monkeypatch.setattr(ident.search.finer, "as_declared", lambda bench, state: ("declared", state.effects[-1]))
     monkeypatch.setattr(
-        ident.search.finer, "replace", lambda refit, vector: begins.append(vector) or refit.state.effects[-1]
+        ident.search.from_declared, "Refit", SimpleNamespace(of=lambda state: SimpleNamespace(state=state))
     )
-    monkeypatch.setattr(ident.search.finer, "fitted", lambda bench, effect: one(effect, left)[1])
+    monkeypatch.setattr(ident.search.from_declared, "as_declared", lambda bench, state: ("declared", state.effects[-1]))
+    monkeypatch.setattr(
+        ident.search.from_declared, "replace", lambda refit, vector: begins.append(vector) or refit.state.effects[-1]
+    )
+    monkeypatch.setattr(ident.search.from_declared, "fitted", lambda bench, effect: one(effect, left)[1])
     found = on_declared_arm(BENCH, [one(DRY, 131.0), one(HARD, 1.15)])
     assert [state.select for _, state in found] == [131.0 * DOF, leaves * DOF] and begins == [("declared", HARD)]
     assert on_declared_arm(BENCH, []) == []
