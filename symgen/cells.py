@@ -62,9 +62,14 @@ def steady(values: Array, digits: int = 4) -> Array:
     return rounded
 
 
-def ranked(values: Array) -> NDArray[np.int64]:
-    """Returns the order of values [N], largest first; those that agree to single precision (mirror images) by position."""
-    return np.argsort(-values.astype(np.float32), kind="stable")
+def ranked(values: Array, most: int | None = None) -> NDArray[np.int64]:
+    """Returns the order of values [N], largest first, of all or of the `most` largest; those that agree to single precision
+    (mirror images) by position."""
+    falling = -values.astype(np.float32)
+    if most is None or most >= len(falling):
+        return np.argsort(falling, kind="stable")
+    among = np.flatnonzero(falling <= np.partition(falling, most - 1)[most - 1])
+    return among[np.argsort(falling[among], kind="stable")[:most]]
 
 
 def every_joint(q: Array) -> Cells:
@@ -102,11 +107,11 @@ def _phi_of(v: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Walk:
-    """For body k and each cell: the twist `v[k]` [N, 6] when the cell's joint turns, in the frame of link k; its
-    derivative `dv[k]` by q_k; and the `shares[k]` [N, 3] of the three maps: 1, c, s or 1, q, 0."""
+    """For body k and each cell: the twist `v[k]` [N, 6] when the cell's joint turns, in the frame of link k; the `parts[k]`
+    [N, 3, 6] of it that the three maps give, and the `shares[k]` [N, 3] of these: 1, c, s or 1, q, 0."""
 
     v: Array
-    dv: Array
+    parts: Array
     shares: Array
 
 
@@ -120,6 +125,8 @@ class Rows:
     def __init__(self, factoring: Factoring, rotor: Array):
         self.factoring, self.rotor = factoring, rotor
         self._maps = [_maps(joint) for joint in factoring.chain.joints]
+        self._motions = np.array([motion(factoring.chain, k) for k in range(factoring.chain.n)])
+        self._turning = np.array([joint.type == REVOLUTE for joint in factoring.chain.joints])[:, None]
         self._to_alpha = to_alpha(factoring, factoring.d)
         inertia = inertia_matrix(factoring.chain, spread(factoring.chain.limits, _SOME, 0.5))
         self._least = _LEAST * np.einsum("mii->mi", inertia).max(axis=0)
@@ -128,14 +135,16 @@ class Rows:
         """All joints' rows at postures q [m, n]: [m, n, d]; with `of`, another factoring's rows in the same scaling."""
         chain, m = self.factoring.chain, len(q)
         P = np.column_stack([self._to_alpha if of is None else to_alpha(of, of.d), chain.parameters])
-        C, v, (shares, _) = np.zeros((chain.n, m, P.shape[1])), np.zeros((0, m, 6)), self._shares(q)
+        phi, v, shares = np.zeros((chain.n, m, 10 * chain.n)), np.zeros((0, m, 6)), self._shares(q)
         for k in range(chain.n):
             parts = (v.reshape(-1, 6) @ self._maps[k]).reshape(k, m, 3, 6)
             moved = np.einsum("mf,imfx->imx", shares[k], parts)
-            v = np.concatenate([moved, np.broadcast_to(motion(chain, k), (1, m, 6))])
-            C[: k + 1] += _phi_of(v) @ P[10 * k : 10 * k + 10]
-        C = C.swapaxes(0, 1)
-        rows: Array = C[..., :-1] / np.maximum(C[..., -1] + self.rotor, self._least)[..., None]
+            v = np.concatenate([moved, np.broadcast_to(self._motions[k], (1, m, 6))])
+            phi[: k + 1, :, 10 * k : 10 * k + 10] = _phi_of(v)
+        rows = np.empty((m, chain.n, P.shape[1] - 1))
+        for i in range(chain.n):
+            C = phi[i, :, 10 * i :] @ P[10 * i :]
+            rows[:, i] = C[:, :-1] / np.maximum(C[:, -1:] + self.rotor[i], self._least[i])
         return rows
 
     def of_cells(self, cells: Cells, of: Factoring | None = None) -> Array:
@@ -163,33 +172,35 @@ class Rows:
             by_phi = (dF @ self._to_alpha.T - (dF * F).sum(axis=1, keepdims=True) * chain.parameters) / sigma
             M = (by_phi.reshape(N, chain.n, 10).swapaxes(0, 1) @ _FORMS.T).reshape(chain.n, N, 6, 6)
             pull = 2 * (M @ walk.v[..., None])[..., 0]
+            dv = np.einsum("kNf,kNfx->kNx", self._slopes(cells.q), walk.parts)
             out = np.zeros((N, chain.n))
             for k in reversed(range(1, chain.n)):
-                out[:, k] = (pull[k] * walk.dv[k]).sum(axis=1)
+                out[:, k] = (pull[k] * dv[k]).sum(axis=1)
                 pull[k - 1] += (walk.shares[k][:, :, None] * pull[k][:, None]).reshape(N, 18) @ self._maps[k].T
             return out
 
         return F, slope
 
-    def _shares(self, q: Array) -> tuple[Array, Array]:
-        """The shares [n, m, 3] of the three maps of each joint at postures q [m, n], and their derivatives by its q."""
-        turning = np.array([joint.type == REVOLUTE for joint in self.factoring.chain.joints])
-        one, zero, c, s = np.ones(q.shape), np.zeros(q.shape), np.cos(q), np.sin(q)
-        shares = np.stack([one, np.where(turning, c, q), np.where(turning, s, zero)], axis=1)
-        slopes = np.stack([zero, np.where(turning, -s, one), np.where(turning, c, zero)], axis=1)
-        return shares.transpose(2, 0, 1), slopes.transpose(2, 0, 1)
+    def _shares(self, q: Array) -> Array:
+        """The shares [n, m, 3] of the three maps of each joint at postures q [m, n]."""
+        x = q.T
+        c, s = np.where(self._turning, np.cos(x), x), np.where(self._turning, np.sin(x), 0.0)
+        return np.stack([np.ones(x.shape), c, s], axis=-1)
+
+    def _slopes(self, q: Array) -> Array:
+        """The derivatives [n, m, 3] of the shares by the joint's own q."""
+        x = q.T
+        c, s = np.where(self._turning, -np.sin(x), 1.0), np.where(self._turning, np.cos(x), 0.0)
+        return np.stack([np.zeros(x.shape), c, s], axis=-1)
 
     def _walk(self, cells: Cells) -> _Walk:
-        chain, N = self.factoring.chain, len(cells)
-        shares, slopes = self._shares(cells.q)
-        v, dv = np.zeros((chain.n, N, 6)), np.zeros((chain.n, N, 6))
-        for k in range(chain.n):
-            if k > 0:
-                parts = (v[k - 1] @ self._maps[k]).reshape(N, 3, 6)
-                v[k] = np.einsum("Nf,Nfx->Nx", shares[k], parts)
-                dv[k] = np.einsum("Nf,Nfx->Nx", slopes[k], parts)
-            v[k][cells.joint == k] = motion(chain, k)
-        return _Walk(v, dv, shares)
+        n, N = self.factoring.chain.n, len(cells)
+        shares, v, parts = self._shares(cells.q), np.zeros((n, N, 6)), np.zeros((n, N, 3, 6))
+        v[cells.joint, np.arange(N)] = self._motions[cells.joint]
+        for k in range(1, n):  # a cell's joint is at rest before it turns: nothing is added to its own motion
+            np.matmul(v[k - 1], self._maps[k], out=parts[k].reshape(N, 18))
+            v[k] += np.einsum("Nf,Nfx->Nx", shares[k], parts[k])
+        return _Walk(v, parts, shares)
 
     def _phi(self, cells: Cells, walk: _Walk) -> tuple[Array, Array]:
         """The rows over all bodies' parameters [N, 10 n], and sigma [N, 1]."""

@@ -98,7 +98,7 @@ def spare_cells(
     chosen, left = planned[np.arange(0)], np.ones(len(pool), dtype=bool)
     while len(chosen) < count and left.any():
         leverage = np.where(left, np.einsum("Nd,de,Ne->N", G, np.linalg.inv(M), G, optimize=True), -1.0)
-        best = ranked(leverage)[: _AT_ONCE if holding else 1]
+        best = ranked(leverage, _AT_ONCE if holding else 1)
         passed, cells = holding.placed(pool[best]) if holding else (np.ones(1, dtype=bool), pool[best])
         if not passed.any():
             left[best] = False

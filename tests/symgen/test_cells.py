@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from arms import factoring_of
 from chains import chains, postures
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symgen.basis import factor
-from symgen.cells import Cells, Rows, every_joint, spread
+from symgen.cells import Cells, Rows, every_joint, ranked, spread
 from symgen.chain import Chain
 from symgen.regressor import C_rows
 
@@ -80,3 +81,10 @@ def test_postures_spread_evenly_fill_the_box_better_than_chance() -> None:
     # 512 random postures leave 512 / e = 188 of the 512 boxes empty, give or take 8
     assert 512 - len(boxes) < 188 - 7 * 8
     assert not np.array_equal(spread(limits, 4, 0.5), spread(limits, 4, 0.6))
+
+
+@pytest.mark.parametrize("most", [0, 1, 7, 40, 99])
+def test_the_largest_are_those_that_come_first_of_all(most: int) -> None:
+    """Values that agree to single precision, too: mirror images."""
+    values = np.random.default_rng(0).integers(0, 9, 40) + 1e-9 * np.random.default_rng(1).normal(size=40)
+    assert np.array_equal(ranked(values, most), ranked(values)[:most])
