@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from symgen.quiet import quiet
 
 #: Shapes that touch at this share of random postures overlap by construction (neighbours in a gearbox), not by motion.
 _ALWAYS = 0.95
-#: Shapes whose bounding spheres are further apart than this [m] do not touch.
+#: Shapes whose bounding spheres or boxes are further apart than this [m] do not touch.
 _SLACK = 1e-6
 #: A mesh is solid when its smallest extent is more than this part of its largest.
 _SOLID = 1e-5
@@ -37,10 +37,18 @@ class SelfCollision:
 
     def __call__(self, q: Array) -> NDArray[np.bool_]:
         """True where the arm touches itself [m]; all False where there is nothing to test."""
-        return np.zeros(len(q), dtype=bool) if self._test is None else self._test(q)
+        return self.nearer(q) >= 0
+
+    def nearer(self, q: Array) -> NDArray[np.int64]:
+        """Of the first two links found that touch each other, how many joints are before the nearer one [m]; -1 where none touch."""
+        return np.full(len(q), -1) if self._test is None else self._test(q)
 
 
-def _tester(chain: Chain, urdf: Path) -> tuple[Mask | None, str]:
+#: How many joints are before the nearer of two links that touch at postures [m, n]; -1 where none do [m].
+_Test = Callable[[Array], NDArray[np.int64]]
+
+
+def _tester(chain: Chain, urdf: Path) -> tuple[_Test | None, str]:
     text, shapes, missing = _resolved(chain.source, urdf)
     if not shapes:
         return None, "not tested: the URDF has no collision shapes" + (
@@ -97,7 +105,7 @@ def _mesh_file(name: str, urdf: Path) -> Path | None:
     return None
 
 
-def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
+def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> _Test | None:
     """A test of all pairs of shapes on links that are no neighbours and do not overlap by construction."""
     shapes = geometry.geometryObjects
     at = [shape.parentJoint for shape in shapes]
@@ -112,7 +120,7 @@ def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
     ids = joint_ids(model, chain.names)
     low, high = chain.limits.T
     trials = low + (high - low) * np.random.default_rng(0).random((_TRIALS, chain.n))
-    test, hits = _Test(pin, model, geometry), np.zeros(len(pairs))
+    test, hits = _Pair(pin, model, geometry), np.zeros(len(pairs))
     for q in configurations(model, ids, trials):
         hits += [test(k, q) for k in range(len(pairs))]
     by_hits = np.argsort(-hits, kind="stable").tolist()  # what touches often is tested first
@@ -120,19 +128,21 @@ def _pairs(pin: Any, model: Any, geometry: Any, chain: Chain) -> Mask | None:
     if not pairs:
         return None
     _set_pairs(pin, geometry, pairs)
-    hulls_touch, shapes_touch = _Test(pin, model, _hulls(geometry)), _Test(pin, model, geometry)
+    hulls_touch, shapes_touch = _Pair(pin, model, _hulls(geometry)), _Pair(pin, model, geometry)
     is_hull = [_is_hull(shape.geometry) for shape in shapes]
     exact = [is_hull[a] and is_hull[b] for a, b in pairs]
     close = _closeness(model, geometry, chain, ids)
+    before = [ids.index(joint) + 1 if joint in ids else 0 for joint in at]
+    nearer = [min(before[a], before[b]) for a, b in pairs]
 
-    def touches(q: Array) -> NDArray[np.bool_]:
-        mask, rows = np.zeros(len(q), dtype=bool), list(configurations(model, ids, q))
+    def touching(q: Array) -> NDArray[np.int64]:
+        found, rows = np.full(len(q), -1), list(configurations(model, ids, q))
         for k, pair in np.argwhere(close(q)).tolist():
-            if not mask[k]:
-                mask[k] = hulls_touch(pair, rows[k]) and (exact[pair] or shapes_touch(pair, rows[k]))
-        return mask
+            if found[k] < 0 and hulls_touch(pair, rows[k]) and (exact[pair] or shapes_touch(pair, rows[k])):
+                found[k] = nearer[pair]
+        return found
 
-    return touches
+    return touching
 
 
 def _set_pairs(pin: Any, geometry: Any, pairs: Sequence[tuple[int, int]]) -> None:
@@ -141,7 +151,7 @@ def _set_pairs(pin: Any, geometry: Any, pairs: Sequence[tuple[int, int]]) -> Non
         geometry.addCollisionPair(pin.CollisionPair(a, b))
 
 
-class _Test:
+class _Pair:
     """Whether the two shapes of a pair touch at a configuration."""
 
     def __init__(self, pin: Any, model: Any, geometry: Any):
@@ -199,22 +209,41 @@ def _is_hull(shape: Any) -> bool:
 
 
 def _closeness(model: Any, geometry: Any, chain: Chain, ids: list[int]) -> Mask:
-    """What tells at postures [m, n] which pairs of shapes may touch [m, pairs]: those whose bounding spheres do."""
+    """What tells at postures [m, n] which pairs of shapes may touch [m, pairs]: those whose bounding spheres do and whose bounding
+    boxes do, too, as far as the directions of their edges tell."""
     pairs = np.array([(pair.first, pair.second) for pair in geometry.collisionPairs])
-    body, centre, radius = [], [], []
+    body, place, half, radius = [], [], [], []
     for shape in geometry.geometryObjects:
         shape.geometry.computeLocalAABB()
+        within = shape.geometry.aabb_local
+        centre = np.eye(4)
+        centre[:3, 3] = shape.geometry.aabb_center
         body.append(ids.index(shape.parentJoint) + 1 if shape.parentJoint in ids else 0)
-        centre.append(shape.placement.act(shape.geometry.aabb_center))
+        place.append(shape.placement.homogeneous @ centre)
+        half.append((within.max_ - within.min_) / 2)
         radius.append(shape.geometry.aabb_radius)
-    centres = np.column_stack([centre, np.ones(len(centre))])[..., None]
+    places, halves = np.array(place), np.array(half)
     reach = np.array(radius)[pairs].sum(axis=1) + _SLACK
     before = np.array([model.jointPlacements[k].homogeneous for k in ids])
     frames_at = frames(chain.joints, before)
 
     def close(q: Array) -> NDArray[np.bool_]:
-        at = (frames_at(q)[:, body] @ centres)[:, :, :3, 0]
-        near: NDArray[np.bool_] = ((at[:, pairs[:, 0]] - at[:, pairs[:, 1]]) ** 2).sum(axis=2) <= reach**2
+        at = frames_at(q)[:, body] @ places
+        centre = at[..., :3, 3]
+        near: NDArray[np.bool_] = ((centre[:, pairs[:, 0]] - centre[:, pairs[:, 1]]) ** 2).sum(axis=2) <= reach**2
+        m, pair = np.nonzero(near)
+        one, other = pairs[pair].T
+        near[m, pair] = _boxes_meet(at[m, one], at[m, other], halves[one], halves[other])
         return near
 
     return close
+
+
+def _boxes_meet(one: Array, other: Array, half: Array, other_half: Array) -> NDArray[np.bool_]:
+    """Whether boxes meet along each other's edges [m], as all do that touch: frames of their centres [m, 4, 4], half edges [m, 3]."""
+    turn, apart = one[:, :3, :3].swapaxes(1, 2) @ other[:, :3, :3], (other - one)[:, None, :3, 3]
+    reach = half + (np.abs(turn) @ other_half[..., None])[..., 0] + _SLACK
+    other_reach = other_half + (half[:, None] @ np.abs(turn))[:, 0] + _SLACK
+    meet = np.abs(apart @ one[:, :3, :3])[:, 0] <= reach
+    meet &= np.abs(apart @ other[:, :3, :3])[:, 0] <= other_reach
+    return np.asarray(meet.all(axis=1))

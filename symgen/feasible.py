@@ -39,3 +39,9 @@ class Feasible:
         mask = np.array(held, dtype=bool)
         mask[held] = ~self.touches(q[held])
         return mask
+
+    def hopeless(self, q: Array, joint: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Returns a mask [m] of postures at which links behind joint `joint` [m] touch each other: it may hold none of these,
+        wherever that joint and those before it are."""
+        mask: NDArray[np.bool_] = self.touches.nearer(q) > joint
+        return mask

@@ -27,7 +27,7 @@ _OTHER_RESTS, _OTHER_POSTURES = 3, 3
 _LOOKED_AT = (100, 1_000, 10_000)
 
 #: Parts of the way to its aim that a cell tries.
-_PARTS = (1.0, 0.7, 0.4, 0.2, 0.08, 0.03)
+_PARTS = np.array([0.7, 0.4, 0.2, 0.08, 0.03])[:, None]
 
 
 def box(limits: Array) -> Array:
@@ -46,17 +46,23 @@ def home(allowed: Array) -> Array:
 
 
 class Holding:
-    """The postures of one arm in the box `allowed` [n, 2], and which of them are `feasible` (all, where None)."""
+    """The postures of one arm in the box `allowed` [n, 2], and which of them are `feasible` (all, where None).
+
+    What `feasible` knows to be `hopeless` (see `feasible.Feasible`) is not tried elsewhere.
+    """
 
     def __init__(self, chain: Chain, allowed: Array, feasible: Mask | None):
         self.allowed, self.feasible = allowed, feasible
+        self._hopeless = getattr(feasible, "hopeless", lambda q, joint: np.zeros(len(q), dtype=bool))
         self.rest = home(allowed)
         self._joints = np.arange(chain.n)
         self._turning = np.array([joint.type == REVOLUTE for joint in chain.joints])
 
     def keeps(self, cells: Cells) -> NDArray[np.bool_]:
         """Which cells [N] may be run with the joints that do not matter where they are."""
-        return np.ones(len(cells), dtype=bool) if self.feasible is None else self.feasible(self._exact(cells.q))
+        if self.feasible is None or not len(cells):
+            return np.ones(len(cells), dtype=bool)
+        return self.feasible(self._exact(cells.q))
 
     def placed(self, cells: Cells) -> tuple[NDArray[np.bool_], Cells]:
         """Which cells [N] may be run, and the cells as they are run: whole turns taken off, rounded, the joints that J_ii
@@ -69,26 +75,27 @@ class Holding:
         own = self._joints == cells.joint[:, None]
         elsewhere = [(own, other) for other in self._exact(spread(self.allowed, _OTHER_RESTS, 0.7))]
         elsewhere += [(free, other) for other in self.others]
+        left = np.flatnonzero(~passed)
+        left = left[~self._hopeless(q[left], cells.joint[left])]
         for moving, other in elsewhere:  # first the excited joint alone, then all that do not matter
-            left = np.flatnonzero(~passed)
             moved = np.where(moving[left], other, q[left])
             good = self.keeps(Cells(cells.joint[left], moved))
             q[left[good]], passed[left[good]] = moved[good], True
+            left = left[~good]
         return passed, Cells(cells.joint, q)
 
     def towards(self, cells: Cells, aim: Cells) -> Cells:
-        """Each cell moved the largest of some parts of the way to its aim at which it is feasible."""
-        if self.feasible is None:
-            return aim
-        q = cells.q.copy()
-        left = np.arange(len(cells))
-        for part in _PARTS:
-            tried = Cells(cells.joint[left], cells.q[left] + part * (aim.q[left] - cells.q[left]))
-            passed = self.keeps(tried)
-            q[left[passed]] = tried.q[passed]
-            left = left[~passed]
-            if not len(left):
-                break
+        """Each cell moved to its aim, or the largest of some parts of the way there at which it is feasible."""
+        return aim if self.feasible is None else self.short_of(cells, aim, self.keeps(aim))
+
+    def short_of(self, cells: Cells, aim: Cells, passed: NDArray[np.bool_]) -> Cells:
+        """The same, where it is known which aims are feasible."""
+        q, left = np.where(passed[:, None], aim.q, cells.q), np.flatnonzero(~passed)
+        tried = cells.q[left, None] + _PARTS * (aim.q - cells.q)[left, None]
+        kept = self.keeps(Cells(np.repeat(cells.joint[left], len(_PARTS)), tried.reshape(-1, q.shape[1])))
+        kept = kept.reshape(-1, len(_PARTS))
+        moved = kept.any(axis=1)
+        q[left[moved]] = tried[moved, kept[moved].argmax(axis=1)]
         return Cells(cells.joint, q)
 
     def found(self, least: int) -> Array:

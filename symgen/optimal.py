@@ -187,7 +187,7 @@ def _highest(rows: Rows, half: Array, holding: Holding, offset: float) -> Cells:
     q = spread(holding.allowed, _LOOKED_AT, offset)
     variance = ((rows(q).reshape(-1, d) @ half) ** 2).sum(axis=1).reshape(-1, n)
     most = _CLIMBED if holding.feasible is None else _TRIED * _CLIMBED
-    best = np.concatenate([ranked(variance[:, i])[:most] for i in range(n)])
+    best = np.concatenate([ranked(variance[:, i], most) for i in range(n)])
     cells = Cells(np.repeat(np.arange(n), most), q[best])
     if holding.feasible is None:
         return cells
@@ -219,7 +219,7 @@ def _climbed(rows: Rows, half: Array, cells: Cells, holding: Holding, worth: flo
     passed = holding.keeps(peaks[tried])
     q, reached, stopped = cells.q.copy(), before.copy(), tried[~passed]
     q[tried[passed]], reached[tried[passed]] = peaks.q[tried[passed]], value[tried[passed]]
-    at_wall = holding.towards(cells[stopped], peaks[stopped])
+    at_wall = holding.short_of(cells[stopped], peaks[stopped], np.zeros(len(stopped), dtype=bool))
     there = ((rows.of_cells(at_wall) @ half) ** 2).sum(axis=1)
     higher = there > before[stopped]
     q[stopped[higher]], reached[stopped[higher]] = steady(at_wall.q[higher]), there[higher]
@@ -257,7 +257,7 @@ def _along_walls(
 def _distinct(peaks: Cells, variance: Array, most: int) -> Array:
     """Indices of at most `most` peaks above d = `most`, highest first, none next to a higher one of its joint."""
     chosen: list[int] = []
-    for k in ranked(variance)[: int((variance > _ABOVE * most).sum())].tolist():
+    for k in ranked(variance, int((variance > _ABOVE * most).sum())).tolist():
         i = peaks.joint[k]
         near = (np.abs(peaks.q[chosen, i + 1 :] - peaks.q[k, i + 1 :]) < _APART).all(axis=1)
         if not (near & (peaks.joint[chosen] == i)).any():

@@ -11,6 +11,7 @@ import pytest
 from arms import _FILES, arm
 
 from symgen.collision import SelfCollision
+from symgen.feasible import Feasible
 from symgen.quiet import quiet
 from symgen.urdf import load_chain
 
@@ -177,3 +178,14 @@ def test_shapes_that_touch_wherever_the_joints_stand_are_no_test(tmp_path: Path)
     )
     touches = SelfCollision(load_chain(path), path)
     assert not touches(np.zeros((3, 2))).any()
+
+
+def test_what_touches_behind_a_joint_touches_wherever_that_joint_and_those_before_it_are() -> None:
+    chain, rng = arm("ur5"), np.random.default_rng(0)
+    feasible = Feasible(chain, _FILES["ur5"], np.inf, np.zeros(3))
+    q = rng.uniform(*chain.limits.T, (600, chain.n))
+    joint = rng.integers(0, chain.n, len(q))
+    hopeless = feasible.hopeless(q, joint)
+    assert 0.05 < hopeless.mean() < 0.95 * feasible.touches(q).mean()
+    moved = np.where(np.arange(chain.n) <= joint[:, None], rng.uniform(*chain.limits.T, q.shape), q)
+    assert not feasible(moved[hopeless]).any() and feasible(moved[~hopeless & feasible.touches(q)]).any()
