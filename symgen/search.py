@@ -48,7 +48,8 @@ class Search:
 
 
 def saturated(rows: Rows, merit: Merit, first: Cells, best: Optimum, better: Better, search: Search) -> Cells:
-    """Returns the d cells of largest merit found from the cells of the optimal spread and from the d cells `first`.
+    """Returns the d cells of largest merit found from the cells of the optimal spread, and from the d cells `first` where those
+    give fewer designs than are asked for.
 
     All that are returned are feasible, if `first` and the cells of the spread are, and `better` keeps them so.
     """
@@ -61,7 +62,7 @@ def saturated(rows: Rows, merit: Merit, first: Cells, best: Optimum, better: Bet
         found.append((round(merit(F[chosen]), 6), chosen))
     found.sort(key=lambda one: -one[0])
     distinct = [found[k][1] for k in range(len(found)) if k == 0 or found[k - 1][0] - found[k][0] > _SAME]
-    starts = [*(options[chosen] for chosen in distinct[: search.designs]), first]
+    starts = [*(options[chosen] for chosen in distinct), first][: search.designs]
 
     def worth(cells: Cells) -> float:
         return merit.of_choice(rows.of_cells(cells))
@@ -100,7 +101,7 @@ def _exchanged(rows: Rows, merit: Merit, cells: Cells, holding: Holding, offset:
     G = np.linalg.inv(rows.of_cells(cells))
     q = spread(holding.allowed, _LOOKED_AT, offset)
     larger = np.abs(rows(q).reshape(-1, d) @ G)
-    best = np.concatenate([ranked(column)[:_CLIMBED] for column in larger.T])
+    best = np.concatenate([ranked(column, _CLIMBED) for column in larger.T])
     passed, found = holding.placed(Cells(best % n, q[best // n]))
     found, g = found[passed], np.repeat(G.T, _CLIMBED, axis=0)[passed]
 

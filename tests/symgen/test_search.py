@@ -48,7 +48,7 @@ def ur5_at(mask: Mask | None) -> Arm:
 @pytest.mark.bench
 def test_a_longer_search_is_not_worse() -> None:
     ur5 = ur5_at(None)
-    searches = Search(1, 0, 0, 1, 0), Search(6, 1, 10, 1, 0), Search(12, 3, 30, 1, 8)
+    searches = Search(1, 1, 0, 1, 0), Search(6, 1, 10, 1, 0), Search(12, 3, 30, 1, 8)
     found = [ur5.worth(ur5.planned(search)) for search in searches]
     assert ur5.worth(ur5.first) < found[0] < found[1] < found[2]
 
