@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from symgen import emit
+from symgen import output
 from symgen.errors import SymgenError
 from symgen.plot import is_drawing
 from symgen.request import PLAN_FILE, Request, plan_for, recorded, urdf_of
@@ -46,7 +46,8 @@ def check(directory: Path, urdf: Path | None = None, request: Request | None = N
     request = recorded(directory) if request is None or request == Request() else request
     urdf = urdf_of(directory) if urdf is None else urdf
     with tempfile.TemporaryDirectory() as beside:
-        names = emit.write_all(plan_for(urdf, request), Path(beside))
+        plan = plan_for(urdf, request, output.of_model)
+        names = output.write_all(plan, Path(beside), plan.meanwhile)
         wanted = {name: (Path(beside) / name).read_bytes() for name in names}
     found = {path.name: path.read_bytes() if path.is_file() else b"" for path in sorted(directory.iterdir())}
     differences = {name: "missing" for name in names if name not in found}

@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import fields
+from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,10 @@ from typing import TYPE_CHECKING, Any
 from symgen.errors import NoPlanError, SymgenError
 
 if TYPE_CHECKING:
-    from symgen.plan import Plan
+    from symgen.basis import Factoring
+    from symgen.emit import Expressions
+    from symgen.output import OfModel
+    from symgen.plan import Model, Plan
     from symgen.request import Request
 
 #: Threads cost more than they give on the small matrices here; set before numpy is first imported.
@@ -155,18 +159,29 @@ def _request(options: argparse.Namespace) -> Request:
 def _run(options: argparse.Namespace) -> int:
     from symgen.request import plan_for
 
-    result = plan_for(Path(options.urdf), _request(options))
+    result = plan_for(Path(options.urdf), _request(options), partial(_of_model, options))
     document = dict(result.document)
-    if not options.no_verify:
-        document["verified"] = _verified(result)
+    verified, made = result.meanwhile
+    if verified:
+        document["verified"] = verified
     begin = time.perf_counter()
-    document["files"] = _write(result, Path(options.out)) if options.out else []
+    document["files"] = _write(result, made, Path(options.out)) if options.out else []
     document["seconds"] = {**result.seconds, "emit": time.perf_counter() - begin}
     if options.json:
         print(json.dumps(document))
     else:
         _print(document)
     return 1 if document["plan"]["open"] or document["plan"]["infeasible"] else 0
+
+
+def _of_model(options: argparse.Namespace, model: Model) -> tuple[dict[str, Any] | None, OfModel | None]:
+    """What is asked for and needs no plan: how far J(q) is from Pinocchio's, and what will be written."""
+    from symgen.emit import Expressions
+    from symgen.output import of_model
+
+    expressions = Expressions(model.factoring) if options.out or not options.no_verify else None
+    verified = None if options.no_verify else _verified(model.factoring, expressions)
+    return verified, of_model(model, expressions) if options.out else None
 
 
 def _check(options: argparse.Namespace) -> int:
@@ -206,10 +221,10 @@ def _plan(options: argparse.Namespace) -> int:
     return 0
 
 
-def _verified(result: Plan) -> dict[str, Any]:
+def _verified(factoring: Factoring, expressions: Expressions | None) -> dict[str, Any]:
     from symgen.verify import verify
 
-    verdict = verify(result.model.factoring)
+    verdict = verify(factoring, expressions=expressions)
     return {
         "against": "Pinocchio CRBA",
         "postures": verdict.postures,
@@ -218,10 +233,10 @@ def _verified(result: Plan) -> dict[str, Any]:
     }
 
 
-def _write(result: Plan, directory: Path) -> list[str]:
+def _write(result: Plan, made: OfModel | None, directory: Path) -> list[str]:
     """Writes everything into a folder of its own in the directory, and moves it out of there file by file: never a
     half-written output. Folders that were not there are removed again where that fails."""
-    from symgen import emit
+    from symgen import output
 
     if directory.exists() and not directory.is_dir():
         raise SymgenError(f"-o {directory}: a file; expected a directory")
@@ -229,7 +244,7 @@ def _write(result: Plan, directory: Path) -> list[str]:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".symgen-", dir=directory, ignore_cleanup_errors=True) as within:
-            names = emit.write_all(result, Path(within))
+            names = output.write_all(result, Path(within), made)
             for name in names:
                 if (directory / name).is_dir():
                     raise SymgenError(f"{directory / name}: a directory; expected a file to replace, or nothing")

@@ -14,18 +14,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 
-from symgen import equations, typeset
 from symgen.basis import Factoring
 from symgen.chain import Array
 from symgen.formula import Formula, alpha_cad, alpha_formulas, named_lengths, rounded
-from symgen.graph import Graph, inertia_graph
-
-if TYPE_CHECKING:
-    from symgen.plan import Plan
+from symgen.graph import inertia_graph
 
 #: Length at which a robot's name is cut in identifiers and file names.
 _LONGEST_NAME = 48
@@ -57,50 +53,42 @@ _BY_ROWS = ("C_rows", "regressor")
 _ASKED = re.compile(r"arg\[\d+\]\? (arg\[\d+\]\[\d+\]) : 0")
 
 
-def write_all(plan: Plan, directory: Path) -> list[str]:
-    """Writes all that symgen has to say of an arm into `directory`; returns the file names.
-
-    `plan.json`, `equations.md`, `equations.tex`, and what `write_functions` writes. Raises OSError.
-    """
-    factoring, name = plan.model.factoring, plan.model.chain.name
-    formulas = alpha_formulas(factoring)
-    blocks = equations.document(factoring, plan.document, formulas)
-    texts = {"equations.md": typeset.markdown(blocks), "equations.tex": typeset.latex(blocks)}
-    plan.write(directory / "plan.json")
-    for file, text in texts.items():
-        (directory / file).write_text(text, encoding="utf-8")
-    return ["plan.json", *texts, *write_functions(factoring, directory, name, formulas)]
+def write_functions(factoring: Factoring, directory: Path, robot_name: str) -> list[str]:
+    """Writes `function_texts` into `directory`; returns the file names. Raises OSError."""
+    texts = function_texts(factoring, robot_name, alpha_formulas(factoring), Expressions(factoring))
+    for name, text in texts.items():
+        Path(directory, name).write_text(text, encoding="utf-8")
+    return list(texts)
 
 
-def write_functions(
-    factoring: Factoring, directory: Path, robot_name: str, formulas: Sequence[Formula] | None = None
-) -> list[str]:
-    """Writes the functions of one arm into `directory`; returns the file names.
+def function_texts(
+    factoring: Factoring, robot_name: str, formulas: Sequence[Formula], expressions: Expressions
+) -> dict[str, str]:
+    """Returns the files with the functions of one arm, text by name.
 
     One `<function>.casadi` for each of `functions`, `alpha_cad.json` (names, value, unit, formula of the D constants and
-    the lengths the formulas speak of), `symgen_<robot>.c` and `.h` with <robot> = `identifier(robot_name)`. `formulas` saves
-    deriving them again. Raises OSError.
+    the lengths the formulas speak of), `symgen_<robot>.c` and `.h` with <robot> = `identifier(robot_name)`. `formulas` and
+    `expressions` are those of the factoring.
     """
-    directory = Path(directory)
-    expressions = _Expressions(inertia_graph(factoring), factoring.d)
     robot = identifier(robot_name)
-    texts = {
-        "alpha_cad.json": _constants(factoring, robot_name, formulas or alpha_formulas(factoring)),
+    return {
+        "alpha_cad.json": _constants(factoring, robot_name, formulas),
         f"symgen_{robot}.h": _header(factoring, robot, robot_name),
         f"symgen_{robot}.c": _source(factoring, robot, expressions),
+        **{f"{name}.casadi": _serialized(expressions.function(name)) for name in _FUNCTIONS},
     }
-    for name, text in texts.items():
-        (directory / name).write_text(text, encoding="utf-8")
-    for name in _FUNCTIONS:
-        save(_function(name, name, expressions, getattr(expressions, name)), directory / f"{name}.casadi")
-    return [*texts, *(f"{name}.casadi" for name in _FUNCTIONS)]
 
 
 def save(function: ca.Function, path: Path) -> None:
     """Writes a CasADi function as its own `save` does, which neither tells of a full disk nor opens a path that is no text."""
+    path.write_text(_serialized(function), encoding="ascii")
+
+
+def _serialized(function: ca.Function) -> str:
     serializer = ca.StringSerializer()
     serializer.pack(function)
-    path.write_text(serializer.encode(), encoding="ascii")
+    text: str = serializer.encode()
+    return text
 
 
 def functions(factoring: Factoring, names: Sequence[str] = tuple(_FUNCTIONS)) -> dict[str, ca.Function]:
@@ -110,8 +98,8 @@ def functions(factoring: Factoring, names: Sequence[str] = tuple(_FUNCTIONS)) ->
     `dJ_dq` (q, alpha) -> [n, n n], the matrices dJ/dq_1, dJ/dq_2, .. side by side; `regressor` (q) -> [n n, D], times
     alpha it is J column by column. q in rad or m, alpha in the units of `factoring.alphas`.
     """
-    expressions = _Expressions(inertia_graph(factoring), factoring.d)
-    return {name: _function(name, name, expressions, getattr(expressions, name)) for name in names}
+    expressions = Expressions(factoring)
+    return {name: expressions.function(name) for name in names}
 
 
 def identifier(name: str) -> str:
@@ -121,11 +109,16 @@ def identifier(name: str) -> str:
     return word if word and not word[0].isdigit() else f"robot_{word}".rstrip("_")
 
 
-class _Expressions:
-    """The result of each function over the symbols q and alpha, made when it is asked for, dense, nothing computed twice."""
+class Expressions:
+    """The result of each function of an arm over the symbols q and alpha, made when it is asked for, dense, nothing computed twice."""
 
-    def __init__(self, graph: Graph, d: int) -> None:
-        self.q, self.alpha, self._J, self._d = graph.q, graph.alpha, ca.cse(graph.J), d
+    def __init__(self, factoring: Factoring) -> None:
+        graph = inertia_graph(factoring)
+        self.q, self.alpha, self._J, self._d = graph.q, graph.alpha, ca.cse(graph.J), factoring.d
+
+    def function(self, name: str) -> ca.Function:
+        """One of the `functions`."""
+        return _function(name, name, self, getattr(self, name))
 
     @property
     def J(self) -> Any:
@@ -151,7 +144,7 @@ class _Expressions:
         return ca.densify(ca.jacobian(ca.vec(self._J), self.alpha))
 
 
-def _function(label: str, name: str, expressions: _Expressions, result: Any) -> ca.Function:
+def _function(label: str, name: str, expressions: Expressions, result: Any) -> ca.Function:
     inputs = list(_FUNCTIONS[name].inputs)
     return ca.Function(label, [getattr(expressions, key) for key in inputs], [result], inputs, [name])
 
@@ -172,7 +165,7 @@ def _constants(factoring: Factoring, robot_name: str, formulas: Sequence[Formula
 # C -------------------------------------------------------------------------------------------------------------------
 
 
-def _source(factoring: Factoring, robot: str, expressions: _Expressions) -> str:
+def _source(factoring: Factoring, robot: str, expressions: Expressions) -> str:
     """The C file: what CasADi generates, and functions with plain arrays around it."""
     generator = ca.CodeGenerator(f"symgen_{robot}.c", {"with_header": False, "with_export": False})
     wrappers = []

@@ -57,7 +57,7 @@ def document(
         *_entries(factoring),
         *_rows(factoring),
         *_constants(factoring, formulas or alpha_formulas(factoring)),
-        *_plan(factoring, plan_summary),
+        *measurements(factoring, plan_summary or {}),
     ]
 
 
@@ -267,8 +267,9 @@ def _constants(factoring: Factoring, formulas: Sequence[Formula]) -> Iterator[Bl
     yield Table(("constant", "unit", "CAD value", "first shown by", "formula"), constants, (0, 0, 0, 0.22, 0.4))
 
 
-def _plan(factoring: Factoring, summary: Mapping[str, Any] | None) -> Iterator[Block]:
-    plan = (summary or {}).get("plan")
+def measurements(factoring: Factoring, plan_summary: Mapping[str, Any]) -> Iterator[Block]:
+    """Yields the last blocks of a `document`: what is to be measured; none where there is no plan."""
+    plan = plan_summary.get("plan")
     if not plan:
         return
     yield Heading(2, "Measurements")

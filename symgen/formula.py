@@ -74,6 +74,21 @@ def rounded(value: float) -> float:
     return float(f"{value:.14g}") + 0.0
 
 
+def known(value: float, count: int) -> float | None:
+    """Returns the number with that many significant digits; None where there is none."""
+    return None if np.isnan(value) else digits(value, count)
+
+
+def digits(value: float, count: int) -> float:
+    """Returns the number rounded to that many significant digits, so that files do not depend on the processor."""
+    return float(f"{value:.{count}g}") + 0.0
+
+
+def decade(value: float) -> float:
+    """Returns the power of ten just above a value that is rounding noise, and never below 1e-15."""
+    return float(f"1e{max(int(np.ceil(np.log10(max(value, 1e-300)))), -15)}")
+
+
 def alpha_cad(factoring: Factoring) -> list[float]:
     """Returns the constants [D] of the URDF's own bodies as files state them: W phi summed exactly, then rounded."""
     out = []

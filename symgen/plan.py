@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ from symgen.chain import Array, Chain
 from symgen.columns import plan_columns
 from symgen.errors import PlanError
 from symgen.feasible import Feasible
-from symgen.formula import alpha_cad
+from symgen.forked import beside
+from symgen.formula import alpha_cad, decade, digits, known
 from symgen.judgement import infeasible, judged, undetermined
 from symgen.notation import entry_text
 from symgen.robot import Drive, Robot
@@ -134,12 +135,14 @@ def model_of_urdf(text: str, joints: tuple[str, ...], *, believe_zeros: bool = F
 
 @dataclass(frozen=True)
 class Plan:
-    """What symgen found about an arm and where to measure it; `document` holds the keys of plan.json, `seconds` the time taken."""
+    """What symgen found about an arm and where to measure it; `document` holds the keys of plan.json, `seconds` the time taken,
+    `meanwhile` what was asked to be made of the model besides."""
 
     model: Model
     cells: tuple[Cell, ...]
     document: Mapping[str, Any]
     seconds: Mapping[str, float]
+    meanwhile: Any = None
 
     def write(self, path: Path) -> None:
         """Writes plan.json at `path`."""
@@ -182,13 +185,15 @@ def make_plan(
     feasible: Feasible | None = None,
     choose: Chooser | None = None,
     columns: bool = False,
+    meanwhile: Callable[[Model], Any] | None = None,
 ) -> Plan:
     """Returns the plan of an arm: ranks, constants, what the diagonals can not see, and the cells to measure.
 
     `unsnapped` is the same chain with the file's own angles, to state what snapping costs; `rotor` [n, kg m2] the
     reflected motor inertias N^2 J_m; `spare`, `effort` and `feasible` as in `postures.plan`, which chooses the cells
     unless `choose` does (see `alternatives`). Cells of `choose` may be too few, or infeasible: the document says so.
-    With `columns` it holds a second plan, whose runs tell a column of J(q) each (`columns.plan_columns`).
+    With `columns` it holds a second plan, whose runs tell a column of J(q) each (`columns.plan_columns`). While the cells are
+    chosen another process does `meanwhile` with the model; the result must pickle.
     """
     seconds = {}
     start = time.perf_counter()
@@ -199,10 +204,13 @@ def make_plan(
     seconds["rank"] = time.perf_counter() - start
     start = time.perf_counter()
     rows = Rows(model.factoring, np.zeros(chain.n) if rotor is None else rotor)
-    if choose is None:
-        design = postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, effort=effort, feasible=feasible)
-    else:
-        design = judged(rows, *choose(rows, model.wider, feasible), feasible)
+
+    def chosen() -> postures.Design:
+        if choose is not None:
+            return judged(rows, *choose(rows, model.wider, feasible), feasible)
+        return postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, effort=effort, feasible=feasible)
+
+    design, made = (chosen(), None) if meanwhile is None else beside(chosen, partial(meanwhile, model))
     seconds["plan"] = time.perf_counter() - start
     cells = tuple(
         Cell(chain.names[i], q, bool(extra)) for i, q, extra in zip(design.joint, design.q, design.spare, strict=True)
@@ -221,7 +229,7 @@ def make_plan(
         start = time.perf_counter()
         document["column_plan"] = _column_plan(model, rotor, feasible)
         seconds["column_plan"] = time.perf_counter() - start
-    return Plan(model, cells, document, seconds)
+    return Plan(model, cells, document, seconds, made)
 
 
 def _column_plan(model: Model, rotor: Array | None, feasible: Feasible | None) -> dict[str, Any]:
@@ -230,11 +238,11 @@ def _column_plan(model: Model, rotor: Array | None, feasible: Feasible | None) -
     names = model.chain.names
     return {
         "runs": len(design.joint),
-        "amplification_diagonal": _digits(float(design.amplification.diagonal().max()), 4),
-        "amplification": _digits(float(design.amplification.max()), 4),
+        "amplification_diagonal": digits(float(design.amplification.diagonal().max()), 4),
+        "amplification": digits(float(design.amplification.max()), 4),
         "error_model": "each J_ji read from a run that excites i with sigma_ij = sqrt(sigma_i sigma_j)",
         "cells": [
-            {"joint": names[i], "q": [_digits(value, 12) for value in q]}
+            {"joint": names[i], "q": [digits(value, 12) for value in q]}
             for i, q in zip(design.joint, design.q, strict=True)
         ],
     }
@@ -260,8 +268,8 @@ def _document(
         "monomials_per_joint": [len(factoring.entries[i, i].digits) for i in range(chain.n)],
         "full_inertia_rank": len(factoring.alphas),
         "unseen": _unseen(factoring),
-        "singular_value_gap": [_digits(kept, 3), _decade(dropped)],
-        **({"dropped": {"cost": _digits(factoring.cost, 2)}} if factoring.cost else {}),
+        "singular_value_gap": [digits(kept, 3), decade(dropped)],
+        **({"dropped": {"cost": digits(factoring.cost, 2)}} if factoring.cost else {}),
         "snapped": _snapped(chain, unsnapped),
         "frozen": dict(chain.frozen),
         "lumped": [list(pair) for pair in chain.lumped],
@@ -276,14 +284,14 @@ def _document(
             "spare": int(design.spare.sum()),
             "error_model": "sigma(J_ii) proportional to J_ii + N^2 J_m (N^2 J_m = 0 where the drive is not known)",
             "amplification_over": "evenly spread postures of the whole joint limits, feasible or not",
-            "amplification_per_joint": [_known(value, 4) for value in design.amplification],
-            "amplification_p999_per_joint": [_known(value, 4) for value in design.amplification_p999],
+            "amplification_per_joint": [known(value, 4) for value in design.amplification],
+            "amplification_p999_per_joint": [known(value, 4) for value in design.amplification_p999],
             "d_efficiency_at_least": float(np.floor(design.d_efficiency * 1e3) / 1e3),
             "d_efficiency_with_spare_at_least": float(np.floor(design.d_efficiency_all * 1e3) / 1e3),
-            "cond_per_joint": [_known(value, 4) for value in design.cond],
+            "cond_per_joint": [known(value, 4) for value in design.cond],
             "cond_scaling": "rows of one joint's cells over sigma, columns whitened over the workspace",
             "cells": [
-                {"joint": cell.joint, "q": [_digits(value, 12) for value in cell.q], "spare": cell.spare}
+                {"joint": cell.joint, "q": [digits(value, 12) for value in cell.q], "spare": cell.spare}
                 for cell in cells
             ],
         },
@@ -312,23 +320,9 @@ def _snapped(chain: Chain, unsnapped: Chain | None) -> list[dict[str, Any]]:
     if unsnapped is None:
         return []
     return [
-        {"joint": snap.joint, "from": snap.found, "to": snap.text, "cost": _digits(cost, 2)}
+        {"joint": snap.joint, "from": snap.found, "to": snap.text, "cost": digits(cost, 2)}
         for snap, cost in zip(chain.snapped, snapping_costs(chain, unsnapped), strict=True)
     ]
-
-
-def _known(value: float, digits: int) -> float | None:
-    return None if np.isnan(value) else _digits(value, digits)
-
-
-def _digits(value: float, digits: int) -> float:
-    """The value rounded to that many significant digits, so that files do not depend on the processor."""
-    return float(f"{value:.{digits}g}") + 0.0
-
-
-def _decade(value: float) -> float:
-    """The power of ten just above a value that is rounding noise, and never below 1e-15."""
-    return float(f"1e{max(int(np.ceil(np.log10(max(value, 1e-300)))), -15)}")
 
 
 def reflected_inertia(chain: Chain, drives: Sequence[Drive]) -> Array:

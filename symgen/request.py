@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
@@ -110,8 +110,9 @@ def model_for(urdf: Path, request: Request) -> plan.Model:
     return plan.make_model(chain_for(urdf, request)[0], believe_zeros=_believe_zeros(_robot_of(urdf), request))
 
 
-def plan_for(urdf: Path, request: Request) -> plan.Plan:
-    """Returns the plan that answers a request; what it says not, the robot.toml beside the URDF says.
+def plan_for(urdf: Path, request: Request, meanwhile: Callable[[plan.Model], Any] | None = None) -> plan.Plan:
+    """Returns the plan that answers a request; what it says not, the robot.toml beside the URDF says. `meanwhile` as of
+    `plan.make_plan`.
 
     Raises SymgenError (NoPlanError where there is no plan of the kind asked for) and OSError.
     """
@@ -135,6 +136,7 @@ def plan_for(urdf: Path, request: Request) -> plan.Plan:
         feasible=plan.feasible_postures(chain, urdf, drives, _gravity(chain, robot)) if request.feasible else None,
         choose=choose,
         columns=request.columns,
+        meanwhile=meanwhile,
     )
     document: Mapping[str, Any] = {**result.document, "options": request.document()}
     return replace(result, document=document, seconds={"parse": parsed, **result.seconds})

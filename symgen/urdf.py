@@ -11,7 +11,6 @@ import hashlib
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,6 +89,7 @@ _MEANT = re.compile(r"<symgen\b(?:[^>]*/>|.*?</symgen>)\n?", re.DOTALL)
 def with_arm(chain: Chain) -> str:
     """Returns the chain's URDF text, which says itself which arm is meant where that is not the usual one: whoever parses it,
     with no choice of his own, gets the same arm."""
+    from xml.sax.saxutils import quoteattr  # brings half of the web with it
 
     def arm(text: str, choice: Choice) -> Chain | None:
         try:

@@ -10,7 +10,7 @@ import numpy as np
 
 from symgen.basis import Factoring
 from symgen.chain import REVOLUTE, Array, Chain
-from symgen.emit import functions
+from symgen.emit import Expressions
 from symgen.errors import SymgenError
 from symgen.inertia import monomials
 from symgen.pinocchio_arm import alone, configurations, joint_ids
@@ -48,8 +48,9 @@ class Verdict:
         return self.error <= self.allowed and (self.as_written or 0.0) <= self.allowed_as_written
 
 
-def verify(factoring: Factoring, postures: int = 200, seed: int = 0) -> Verdict:
-    """Returns how far J(q) = C(q) alpha of the declared robot is from Pinocchio's CRBA.
+def verify(factoring: Factoring, postures: int = 200, seed: int = 0, expressions: Expressions | None = None) -> Verdict:
+    """Returns how far J(q) = C(q) alpha of the declared robot is from Pinocchio's CRBA. `expressions`, those that are written,
+    save work.
 
     Raises SymgenError if one of the errors is beyond what is allowed: the derivation, or the chain, would be wrong.
     """
@@ -66,7 +67,13 @@ def verify(factoring: Factoring, postures: int = 200, seed: int = 0) -> Verdict:
         if entry.complete:
             trigonometric = monomials(entry, q) @ (factoring.S[i, j] @ alpha)
             error = max(error, float(np.abs(trigonometric - J[:, i, j]).max()))
-    error = max(error, *(float(np.abs(written - J).max()) for written in _written(factoring, q)))
+    error = max(
+        error,
+        *(
+            float(np.abs(written - J).max())
+            for written in _written(factoring, expressions or Expressions(factoring), q)
+        ),
+    )
     read = _model_of_file(chain)
     verdict = Verdict(
         postures=postures,
@@ -85,12 +92,12 @@ def verify(factoring: Factoring, postures: int = 200, seed: int = 0) -> Verdict:
     return verdict
 
 
-def _written(factoring: Factoring, q: Array) -> Iterator[Array]:
+def _written(factoring: Factoring, expressions: Expressions, q: Array) -> Iterator[Array]:
     """J(q) [m, n, n], or its diagonal put in the place of that of J, as the functions have it that are written."""
-    found, alpha, n = functions(factoring, ["J", "C_rows"]), factoring.alpha_cad, factoring.chain.n
-    J = np.array(found["J"].map(len(q))(q.T, alpha)).reshape(n, len(q), n).swapaxes(0, 1)
+    alpha, n = factoring.alpha_cad, factoring.chain.n
+    J = np.array(expressions.function("J").map(len(q))(q.T, alpha)).reshape(n, len(q), n).swapaxes(0, 1)
     yield J
-    rows = np.array(found["C_rows"].map(len(q))(q.T)).reshape(n, len(q), factoring.d).swapaxes(0, 1)
+    rows = np.array(expressions.function("C_rows").map(len(q))(q.T)).reshape(n, len(q), factoring.d).swapaxes(0, 1)
     by_rows = J.copy()
     by_rows[:, range(n), range(n)] = rows @ alpha[: factoring.d]
     yield by_rows

@@ -193,7 +193,7 @@ def test_an_error_that_names_no_file_is_told_by_itself(refused: Bench, monkeypat
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("symgen.emit.write_all", full)
+    monkeypatch.setattr("symgen.output.write_all", full)
     assert refused(symgen.cli.main, YPP3 / "ypp3.urdf", "-o", "out", *BRIEF) == "symgen: No space left on device"
 
 

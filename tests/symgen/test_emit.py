@@ -27,11 +27,11 @@ from symgen.emit import (
     identified_source,
     identifier,
     save,
-    write_all,
     write_functions,
 )
 from symgen.graph import carriers
 from symgen.inertia import monomials, parameter_scale
+from symgen.output import of_model, write_all
 from symgen.plan import make_plan
 
 #: Every constant has 14 significant digits; a real arm's carriers of alpha are conditioned better than 100.
@@ -223,6 +223,14 @@ def test_all_that_symgen_says_of_an_arm(tmp_path: Path) -> None:
     assert sorted(names) == sorted(path.name for path in tmp_path.iterdir())
     assert {"plan.json", "equations.md", "equations.tex", "J_diag.casadi"} <= set(names)
     assert "| `joint1` |" in (tmp_path / "equations.md").read_text(encoding="utf-8")
+
+
+def test_what_another_process_makes_while_the_plan_is_sought_is_the_same(tmp_path: Path) -> None:
+    plan = make_plan(arm("ypp3"), effort="draft", meanwhile=of_model)
+    for directory, made in (("here", None), ("there", plan.meanwhile)):
+        (tmp_path / directory).mkdir()
+        write_all(plan, tmp_path / directory, made)
+    assert digests(tmp_path / "here") == digests(tmp_path / "there")
 
 
 def test_a_directory_that_is_not_there_is_an_os_error(tmp_path: Path) -> None:
