@@ -277,8 +277,7 @@ def _sparse(A: Array, P: Array, size: Array) -> Array:
     S[:, : P.shape[1]] = A @ P
     contribution = np.abs(S) * size
     largest = contribution.max(axis=1, keepdims=True, initial=0.0)
-    S[contribution < _SMALL * np.maximum(largest, 1e-300)] = 0.0
+    np.copyto(S, 0.0, where=contribution < _SMALL * np.maximum(largest, 1e-300))
     whole = np.rint(S)
-    near = np.abs(S - whole) < 1e-12 * np.abs(whole)
-    S[near] = whole[near]
+    np.copyto(S, whole, where=np.abs(S - whole) < 1e-12 * np.abs(whole))
     return S

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,10 @@ _HALF_FORMS = np.where(_ONE == _OTHER, 1, 2)[:, None] * _FORMS[6 * _ONE + _OTHER
 
 #: No J_ii counts as measured better than to this part of its largest over some postures: points on an axis have none.
 _LEAST, _SOME = 1e-6, 32
+
+
+#: Postures that stand for the whole workspace.
+_WORKSPACE = 2000
 
 
 @dataclass(frozen=True)
@@ -146,6 +151,11 @@ class Rows:
             C = phi[i, :, 10 * i :] @ P[10 * i :]
             rows[:, i] = C[:, :-1] / np.maximum(C[:, -1:] + self.rotor[i], self._least[i])
         return rows
+
+    @cached_property
+    def workspace(self) -> Array:
+        """The rows [m, n, d] at postures evenly spread over the whole limits."""
+        return self(spread(self.factoring.chain.limits, _WORKSPACE, 0.123))
 
     def of_cells(self, cells: Cells, of: Factoring | None = None) -> Array:
         """One row a cell [N, d]; `of` as above."""

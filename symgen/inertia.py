@@ -379,13 +379,13 @@ def _collect(
 
 def monomials(entry: Entry, q: Array) -> Array:
     """Returns the monomials of an entry at postures q [.., n, rad or m]: [.., M]."""
-    out = np.ones((*q.shape[:-1], len(entry.digits)))
+    out = np.ones((len(entry.digits), *q.shape[:-1]))
     for position, angle in enumerate(entry.angles):
         psi = sum(sign * q[..., k] for k, sign in angle)
         if entry.turning[position]:
             c, s = np.cos(psi), np.sin(psi)
-            table = np.stack([np.ones_like(c), c, s, c * c, c * s], axis=-1)
+            table = np.stack([np.ones_like(c), c, s, c * c, c * s])
         else:
-            table = np.stack([np.ones_like(psi), psi, psi * psi], axis=-1)
-        out *= table[..., entry.digits[:, position]]
-    return out
+            table = np.stack([np.ones_like(psi), psi, psi * psi])
+        out *= table[entry.digits[:, position]]
+    return np.moveaxis(out, 0, -1)

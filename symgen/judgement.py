@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symgen import postures
-from symgen.cells import Cells, Rows, spread
+from symgen.cells import Cells, Rows
 from symgen.chain import Array, Chain, readonly
 from symgen.feasible import Feasible
 from symgen.holding import Holding, Mask, box
@@ -15,15 +15,13 @@ from symgen.postures import Design
 #: A combination of constants that cells show less than this, relative to the one they show best, stays open.
 SEEN = 1e-6
 
-_WORKSPACE = 2000
-
 #: Beyond a limit by more than the rounding of a text [rad or m].
 _OUTSIDE = 1e-6
 
 
 def undetermined(rows: Rows, cells: Cells) -> tuple[int, tuple[str, ...]]:
     """Returns how many combinations of constants the cells determine, and the constants that stay open, by name."""
-    visible, _ = _visible(rows, cells, _workspace(rows))
+    visible, _ = _visible(rows, cells, rows.workspace)
     share = 1 - (visible**2).sum(axis=0)
     names = rows.factoring.names[: rows.factoring.d]
     return len(visible), tuple(name for name, left in zip(names, share, strict=True) if left > SEEN)
@@ -36,7 +34,7 @@ def judged(rows: Rows, cells: Cells, spare: NDArray[np.bool_], feasible: Mask | 
     Where the cells do not determine all constants the D-efficiency is 0, `cond` is nan, and so is the amplification of the
     joints whose J_ii(q) they do not determine everywhere.
     """
-    factoring, everywhere = rows.factoring, _workspace(rows)
+    factoring, everywhere = rows.factoring, rows.workspace
     visible, scaled = _visible(rows, cells[~spare], everywhere)
     if len(visible) == factoring.d:
         return postures.judged(
@@ -66,10 +64,6 @@ def infeasible(chain: Chain, cells: Cells, feasible: Feasible | None) -> dict[in
         for k in np.flatnonzero(~feasible(cells.q)).tolist():
             why[k].append("self-collision" if feasible.touches(cells.q[k : k + 1])[0] else "gravity beyond the motors")
     return {k: ", ".join(reasons) for k, reasons in why.items() if reasons}
-
-
-def _workspace(rows: Rows) -> Array:
-    return rows(spread(rows.factoring.chain.limits, _WORKSPACE, 0.123))
 
 
 def _size(everywhere: Array) -> Array:

@@ -208,7 +208,9 @@ def make_plan(
     def chosen() -> postures.Design:
         if choose is not None:
             return judged(rows, *choose(rows, model.wider, feasible), feasible)
-        return postures.plan(model.factoring, model.wider, rotor=rotor, spare=spare, effort=effort, feasible=feasible)
+        return postures.plan(
+            model.factoring, model.wider, rotor=rotor, spare=spare, effort=effort, feasible=feasible, rows=rows
+        )
 
     design, made = (chosen(), None) if meanwhile is None else beside(chosen, partial(meanwhile, model))
     seconds["plan"] = time.perf_counter() - start

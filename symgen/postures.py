@@ -32,8 +32,6 @@ from symgen.search import Better, Search, bettering, saturated
 
 Effort = Literal["draft", "quick", "full"]
 
-_WORKSPACE = 2000
-
 #: Spare cells looked at together for one that is feasible.
 _AT_ONCE = 8
 
@@ -166,18 +164,20 @@ def plan(
     spare: int | None = None,
     effort: Effort = "quick",
     feasible: Mask | None = None,
+    rows: Rows | None = None,
 ) -> Design:
     """Returns d cells (i, q) and `spare` more (default a quarter of d), with what they achieve.
 
     `wider` is the factoring of the same chain without believed zeros (or `factoring` itself), `rotor` [n, kg m2, joint
     side] the reflected motor inertias N^2 J_m where known. `effort` "quick" takes a second for seven joints, "full" some,
     "draft" a fraction of one, and its bound is loose. `feasible` tells which postures [m, n] the arm may hold (a mask [m]);
-    the certificate is against plans of cells that it may hold, as far as the search finds them.
+    the certificate is against plans of cells that it may hold, as far as the search finds them. `rows` of this factoring and
+    rotor, if there are some, save work.
 
     Raises PlanError when no postures within the limits, or no feasible ones, determine all constants.
     """
     chain, d = factoring.chain, factoring.d
-    rows = Rows(factoring, np.zeros(chain.n) if rotor is None else rotor)
+    rows = rows or Rows(factoring, np.zeros(chain.n) if rotor is None else rotor)
     work, holding, merit = _WORK[effort], Holding(chain, box(chain.limits), feasible), Merit(rows)
     start = candidates(rows, holding)
     spreads = optima(rows, holding, start[np.arange(len(start)) < 4 * d])
@@ -199,7 +199,8 @@ def plan(
     _, needed = holding.placed(cells)
     pool = best.cells + every_joint(spread(holding.allowed, CANDIDATES, 0.5))
     more = spare_cells(rows, wider, needed, pool, int(np.ceil(d / 4)) if spare is None else spare, holding)
-    more = moved_spare(Rows(wider, rows.rotor), needed, more, pool, holding)
+    if effort != "draft":
+        more = moved_spare(Rows(wider, rows.rotor), needed, more, pool, holding)
     both = ordered(needed, holding.rest) + ordered(more, holding.rest)
     return judged(rows, both.joint, both.q, np.arange(len(both)) >= d, holding, best.log_det_bound)
 
@@ -248,7 +249,7 @@ def judged(
     n = q.shape[1]
     if log_det_bound is None:
         log_det_bound = _log_det_bound(rows, holding, "quick")
-    everywhere = rows(spread(rows.factoring.chain.limits, _WORKSPACE, 0.123))
+    everywhere = rows.workspace
     F = rows.of_cells(Cells(joint, q))
     needed, own = F[~spare], joint[~spare]
     variance = ((everywhere @ np.linalg.inv(np.linalg.qr(needed, mode="r"))) ** 2).sum(axis=2)

@@ -55,14 +55,15 @@ def candidates(rows: Rows, holding: Holding) -> Cells:
     """
     d, chain, allowed = rows.factoring.d, rows.factoring.chain, holding.allowed
     everywhere = every_joint(spread(allowed, CANDIDATES, 0.5))
-    rank = _rank(rows, everywhere)
+    F = rows.of_cells(everywhere)
+    rank = _rank(F, rows, everywhere)
     if rank < d:
         k = int(np.argmin(allowed[:, 1] - allowed[:, 0]))
         raise PlanError(
             f"{chain.name}: postures within the joint limits tell only {rank} of {d} constants apart; expected wider limits, "
             f"or joints that hardly move frozen (narrowest: {chain.names[k]}, {allowed[k, 1] - allowed[k, 0]:.3g} rad or m)"
         )
-    few = everywhere[_telling(rows.of_cells(everywhere), everywhere.joint)[: _OPTIONS * d]]
+    few = everywhere[_telling(F, everywhere.joint)[: _OPTIONS * d]]
     if holding.feasible is None:
         return few
     for some in (few, everywhere + every_joint(spread(allowed, 3 * CANDIDATES, 0.123)), None):
@@ -71,9 +72,10 @@ def candidates(rows: Rows, holding: Holding) -> Cells:
         else:
             passed, placed = holding.placed(some)
             cells = placed[passed]
-        rank = _rank(rows, cells)
+        F = rows.of_cells(cells)
+        rank = _rank(F, rows, cells)
         if rank == d:
-            return cells[_telling(rows.of_cells(cells), cells.joint)[: _OPTIONS * d]]
+            return cells[_telling(F, cells.joint)[: _OPTIONS * d]]
     raise PlanError(
         f"{chain.name}: the postures the arm may hold (gravity, self-collision) tell only {rank} of {d} "
         "constants apart; expected wider effort limits or smaller collision shapes; --no-feasible plans without them"
@@ -177,11 +179,10 @@ def _telling(F: Array, joint: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.concatenate([chosen, order[np.argsort(turn, kind="stable")]])
 
 
-def _rank(rows: Rows, cells: Cells) -> int:
-    """How many combinations of constants the cells show."""
+def _rank(F: Array, rows: Rows, cells: Cells) -> int:
+    """How many combinations of constants the cells show, whose rows F [N, d] are."""
     if not len(cells):
         return 0
-    F = rows.of_cells(cells)
     scale = np.maximum(np.linalg.norm(F, axis=0), _IN_FULL * rows.sizes(cells))
     values = np.linalg.svd(F / np.maximum(scale, 1e-300), compute_uv=False)
     return int((values > _SEEN * values[0]).sum())
