@@ -138,13 +138,14 @@ def _structure(factoring: Factoring) -> Iterator[Block]:
 
 def _cell(factoring: Factoring, i: int, j: int) -> str:
     """An entry of the structure matrix: 0, a constant, or its name with the coordinates it depends on."""
-    members, joints = terms(factoring, i, j), joints_of(factoring, i, j)
+    joints = joints_of(factoring, i, j)
+    if len(joints) > 3:
+        return entry_latex(i, j) + "(q)"
+    members = terms(factoring, i, j)
     if not members:
         return "0"
     if len(members) == 1 and not joints:
         return flat(factoring, i, j, members)[0]
-    if len(joints) > 3:
-        return entry_latex(i, j) + "(q)"
     return entry_latex(i, j) + (f"({', '.join(_q(k)[1:-1] for k in joints)})" if joints else "")
 
 

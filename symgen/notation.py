@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import overload
 
 import numpy as np
@@ -47,6 +48,7 @@ def alpha_latex(name: str) -> str:
     return rf"\alpha_{{{numbers}}}"
 
 
+@cache
 def angle_subscript(angle: Angle) -> str:
     """Returns the subscript of a (cumulative) angle: _2, _{23} for q_2 + q_3, _{2-3+4} for q_2 - q_3 + q_4."""
     stated = any(k > 8 or sign < 0 for k, sign in angle)
