@@ -42,7 +42,7 @@ MOVED = 1.0
 DIVERGED = 100.0
 #: Share of its stiffness that a spring has everywhere whose torque tells where it is.
 TENSE = 0.5
-#: chi^2 per degree of freedom below which no other force is looked for; most periods that play is followed for, and in haste.
+#: chi^2 per degree of freedom below which no other force is looked for; most periods that play is followed for, and in haste: with one turn, none.
 EXPLAINED, PERIODS, SHORT = 2.0, 12, 4
 
 
@@ -79,7 +79,8 @@ def _smoothed(
         scene = replace(scene, oversampled=STOPS * scene.oversampled)
     arm = LikelyMotion.of(scene, p, effects, start.second, sampling, powers)
     on = {key: Force.of(arm.scene, x) for key, x in signals(arm.scene, effects, start.motion).items()}
-    best, least, kept = on, arm.misfit(on), dict(slid)
+    # a force that is not that of the motion it leaves may leave less than noise
+    best, least, kept = on, max(arm.misfit(on), float(arm.degrees)), dict(slid)
     laws = {key: _laws(effects, key[0], int(scene.arm.live[key[1]])) for key in on}
     on = on | {key: _as_last(arm, key, slid[key]) for key in slid.keys() & on.keys() if laws[key][0]}
     rubbing, springy = ([key for key, at in laws.items() if at[kind]] for kind in (0, 1))
@@ -347,7 +348,8 @@ def _yielding(
         if found is None:
             rest, yields = (port.load / port.K, 1.0 / port.K) if port.K else (float(at[-1]), 0.0)
             rattling = Rattling(arm, key, on, by_place, rest, yields)
-            found = rattling.likeliest(*(begin or (x, best)), (PERIODS if turns >= TURNS else SHORT) if march else 0)
+            periods = PERIODS if turns >= TURNS else SHORT if turns > 1 else 0
+            found = rattling.likeliest(*(begin or (x, best)), periods if march else 0)
         return Force.of(scene, found), _kept(port.moves(port.left_by(found, at, 0.0, 0.0))[0], found)
     x, v = port.moves(there)
     line = slope(x, best), slope(v, best)

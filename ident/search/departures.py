@@ -16,7 +16,7 @@ from ident.arm.arm_fit import Held, hold, residual, whitened_by
 from ident.arm.evidence import Evidence
 from ident.records.campaign import Array
 from ident.search.changes import told_of
-from ident.search.refits import Bench, State
+from ident.search.refits import BY_ALL, Bench, State, reduced_chi2
 
 #: Where bands [Hz] in which errors are told meet; the last has no end, as nothing limits how far records reach.
 EDGES = (0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, inf)
@@ -79,9 +79,14 @@ class Departure:
 
 
 @lru_cache(maxsize=2)  # of the model that is judged: records that choose, and that report
-def held_as(state: State, data: tuple[Evidence, ...]) -> tuple[Held, ...]:
-    """Weights and motions of `data` as a model has them."""
-    return tuple(hold(replace(state.problem, data=data), state.minimum.vector))
+def held_as(state: State, data: tuple[Evidence, ...], hurries: bool = False) -> tuple[Held, ...]:
+    """Weights and motions of `data` as a model has them; motions that are hardly looked for once it is late if it `hurries`."""
+    return tuple(hold(replace(state.problem, data=data), state.minimum.vector, hurries=hurries))
+
+
+def is_rough(bench: Bench, state: State) -> bool:
+    """Whether a model leaves so much that rough motions tell as much as its own."""
+    return reduced_chi2(bench, state) > BY_ALL
 
 
 @lru_cache(maxsize=8)  # those of one diagnosis: what is kept keeps its records
@@ -94,7 +99,7 @@ def errors(bench: Bench, state: State, data: tuple[Evidence, ...], held: tuple[H
     which = [one.index in told for one in data]
     data, held = tuple(compress(data, which)), tuple(compress(held, which))
     problem = replace(state.problem, data=data)
-    held = held or held_as(state, data)
+    held = held or held_as(state, data, is_rough(bench, state))
     squares: list[tuple[int, Array, Array, Array]] = []
     for one, kept in zip(data, held, strict=True):
         r, W = residual(problem, state.minimum.vector, one, kept.moved)[0], kept.W
@@ -128,13 +133,15 @@ def loud(joints: NDArray[np.int64], noise: Array) -> NDArray[np.bool_]:
     return found
 
 
-def groups(state: State, data: Sequence[Evidence]) -> list[tuple[int, int, Band, str, float, float]]:
-    """Groups of lines beyond `DEPARTURE`: (record, joint, band, kind, level, chi^2).
+def groups(
+    state: State, data: Sequence[Evidence], hurries: bool = False
+) -> list[tuple[int, int, Band, str, float, float]]:
+    """Groups of lines beyond `DEPARTURE`: (record, joint, band, kind, level, chi^2); motions as `held_as` has them.
 
     The level is without the line that departs most: one alone is an outlier, no effect.
     """
     data = tuple(data)
-    problem, held = replace(state.problem, data=data), held_as(state, data)
+    problem, held = replace(state.problem, data=data), held_as(state, data, hurries)
     found = []
     for one, kept in zip(data, held, strict=True):
         r = residual(problem, state.minimum.vector, one, kept.moved)[0]
@@ -157,7 +164,7 @@ def groups(state: State, data: Sequence[Evidence]) -> list[tuple[int, int, Band,
 def departures(bench: Bench, state: State) -> tuple[Departure, ...]:
     """What stays unexplained on the choosing and reporting records: joints, bands and kinds of line, largest share first."""
     data = bench.split.select + told_of(bench.split, state, bench.split.report)
-    found = groups(state, data)
+    found = groups(state, data, is_rough(bench, state))
     total = sum(group[-1] for group in found)
     merged: dict[tuple[int, Band, str], list[float]] = {}
     for _, joint, band, kind, level, power in found:

@@ -58,8 +58,9 @@ LED_ASTRAY = 50.0
 PATIENT, STILL = 8, 0.9
 #: Share of what a contact leaves that it may leave as it creeps from near where it is expected, for that to be sought farther off.
 CREPT = 0.9
-#: Times what a model leaves that it leaves, at most, where it comes back to where it was, from the declared arm.
-BACK = 1.05
+#: Times what a model leaves that it leaves, at most, where it comes back to where it was, from the declared arm; and, hastily fitted, where
+#: that is led farther astray.
+BACK, FARTHER = 1.05, 30.0
 
 
 def fully(bench: Bench, state: State) -> State:
@@ -203,10 +204,12 @@ def afresh(bench: Bench, state: State) -> State:
         other = fitted(bench, replace(declared, roughly=HASTILY, doubts=doubts))
         if _as_much(hastily, other):
             break
+        if other.select > FARTHER * hastily.select:
+            continue
         other = fitted(bench, Refit.of(other))
         finely = finely or fitted(bench, here)
         back = _as_much(finely, other)
-        if not back:
+        if not back and other.select < CLOSE * finely.select:
             other = _closely(bench, Refit.of(other), min(reduced_chi2(bench, other), reduced_chi2(bench, state)))
         if other.select < state.select:
             bench.say(f"  from the declared arm again: {reduced_chi2(bench, other):.4g}")

@@ -13,7 +13,7 @@ from ident.effects.base import Effect, Law, has_forces, winds_up
 from ident.effects.learned import Learned
 from ident.search.candidates import surest
 from ident.search.changes import told_of
-from ident.search.departures import Departure, departures, errors, groups, held_as
+from ident.search.departures import Departure, departures, errors, groups, held_as, is_rough
 from ident.search.refits import BENT, CLOSE, FEW_SAMPLES, NAMED, Bench, State, linearised, reduced_chi2
 from ident.search.trials import ENOUGH
 
@@ -117,7 +117,8 @@ def is_unseen(bench: Bench, state: State) -> bool:
     """Whether the records that only report leave far more than those that fit and choose: something acts in them alone."""
     data = told_of(bench.split, state, bench.split.report)
     problem = replace(state.problem, data=data)
-    left = chi_squared(problem, state.minimum.vector, held_as(state, data)) / max(degrees(data), 1)
+    held = held_as(state, data, is_rough(bench, state))
+    left = chi_squared(problem, state.minimum.vector, held) / max(degrees(data), 1)
     return left > UNSEEN * max(reduced_chi2(bench, state), _fitting(bench, state), 1.0)
 
 
