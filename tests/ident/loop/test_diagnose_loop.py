@@ -632,7 +632,7 @@ def test_what_acts_in_records_that_only_report_is_seen_there(
     stand_ins = {
         "told_of": lambda split, state, data: data, "chi_squared": lambda *of: reported, "held_as": lambda *of: (),
         "degrees": lambda data: 1, "replace": lambda problem, data: problem, "_fitting": lambda bench, state: 0.9,
-        "reduced_chi2": lambda bench, state: chosen,
+        "reduced_chi2": lambda bench, state: chosen, "is_rough": lambda bench, state: False,
     }  # fmt: skip
     for name, stand_in in stand_ins.items():
         monkeypatch.setattr(f"ident.search.rest.{name}", stand_in)

@@ -135,7 +135,9 @@ def test_motions_follow_what_winds_them_up_where_that_leaves_less(
     [
         (2.0, [2.02], 2, 1.5),  # comes back to where it was, told as coarsely: no detour, nothing more closely
         (2.0, [9.0, 2.02, 2.0], 4, 1.5),  # comes back once it is fitted finely
-        (2.0, [9.0, 9.0, 2.0, 0.9, 0.9], 8, 0.8),  # a detour leads elsewhere
+        (2.0, [9.0, 5.0, 2.0, 0.9, 0.9], 8, 0.8),  # a detour leads elsewhere
+        (2.0, [9.0, 9.0, 2.0, 0.9, 0.9], 7, 0.8),  # far from it, finely: not more closely
+        (2.0, [61.0, 0.9, 0.9, 2.0], 6, 0.8),  # far astray: not finely either
     ],
 )
 def test_an_arm_fitted_afresh_that_comes_back_is_not_fitted_closely(
