@@ -17,7 +17,8 @@ import ident.arm.smoothing
 from ident.arm.acting import _aside
 from ident.arm.arm_fit import chi_squared, hold, slides
 from ident.arm.arm_model import Posture
-from ident.arm.likely_motion import Force, Forces
+from ident.arm.likely_motion import Force, Forces, LikelyMotion
+from ident.arm.rattling import Rattling
 from ident.arm.scene import Scene
 from ident.arm.sliding import TURNS, Meeting, in_turns
 from ident.arm.smoothing import SAME, Mixture
@@ -237,6 +238,22 @@ def test_forces_from_which_sweeps_lead_away_are_kept_as_they_left_least(monkeypa
     assert left[1:] == pytest.approx(left[:1] * 2, rel=1e-6)
 
 
+def test_a_force_that_leaves_less_than_noise_gives_way_to_that_of_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stribeck friction of a held joint: by a few lines beyond the band, which tell little of it, the force of the measured motion left
+    0.031 noise powers and that of its own motion 0.035; the model with the former then left 1551."""
+    problem, vector = recorded(MotorCoulomb(1, (4e-3,)), "joint2", (0.0, 0.4, 0.8), f0=2.0, fs=500.0)
+    problem = replace(problem, turns=TURNS)
+    right = chi_squared(problem, vector, hold(problem, vector))
+    misfit, begun = LikelyMotion.misfit, []
+
+    def of_start_next_to_none(arm: LikelyMotion, on: Forces) -> float:
+        begun.append(on)
+        return 1e-3 * arm.degrees if len(begun) == 1 else misfit(arm, on)
+
+    monkeypatch.setattr(LikelyMotion, "misfit", of_start_next_to_none)
+    assert chi_squared(problem, vector, hold(problem, vector)) == pytest.approx(right, rel=1e-9)
+
+
 def test_ports_that_answer_each_other_by_more_than_it_was_settle_by_mixing() -> None:
     """Sweeps alone would lead away: some lines come back by -1.3 of what they were."""
     rng = np.random.default_rng(3)
@@ -287,6 +304,22 @@ def test_play_that_rattles_is_explained(gap: float, posture: tuple[float, ...], 
     """Where it hardly touches, contacts told by samples of a line or two are others: 3.1 and 2.7 of the noise would be left."""
     found = [levels(Backlash(0, (gap,)), "joint1", posture, seed=seed)[1] for seed in seeds]  # of one draw: 0.9 to 1.8
     assert np.median(found) < 1.1
+
+
+@pytest.mark.parametrize(("turns", "periods"), [(1, 0), (TURNS // 4, 4), (TURNS, 12)])
+def test_play_is_followed_for_fewer_periods_in_haste_and_for_none_in_a_hurry(
+    turns: int, periods: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = list[int]()
+
+    def likeliest(self: Rattling, x: np.ndarray, force: np.ndarray, periods: int) -> np.ndarray:
+        asked.append(periods)
+        return force
+
+    monkeypatch.setattr(Rattling, "likeliest", likeliest)
+    problem, vector = recorded(Backlash(0, (8e-5,)), "joint1", (0.0, 1.57, 0.0), f0=2.0, fs=500.0)
+    hold(replace(problem, turns=turns), vector)
+    assert asked[0] == periods
 
 
 def test_a_velocity_at_which_friction_is_met_already_stays() -> None:

@@ -175,3 +175,26 @@ def test_motions_of_a_fit_that_is_late_take_few_turns_and_those_that_are_told_al
     assert len(turns) == 2 and set(turns) == {LATE_TURNS}  # of records that fit, and that choose
     hold(state.problem, state.minimum.vector)
     assert turns[2:] == [TURNS]
+
+
+@pytest.mark.parametrize(
+    ("name", "roughly", "few"),
+    [
+        ("link-coulomb", HASTILY, True),
+        ("link-coulomb", FINELY, False),  # by few samples the very truth left 1.4 to 1.9 noise powers
+        ("link-viscous", FINELY, True),
+    ],
+)
+def test_friction_is_fitted_finely_by_all_samples(
+    name: str, roughly: float, few: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    b, law, told = bench(), CATALOGUE[name](1, (0.05,)), list[int]()
+    sampled = ident.search.refits.sampled
+
+    def counted(one: Any, samples: int) -> Any:
+        told.append(samples)
+        return sampled(one, samples)
+
+    monkeypatch.setattr(ident.search.refits, "sampled", counted)
+    fitted(b, Refit(np.append(b.guess.vector(), law.values), (law,), (0.1,), ((0.0, 1.0),), 1, roughly))
+    assert bool(told) == few
