@@ -139,10 +139,16 @@ class LikelyMotion:
 
     def rate(self, key: Key, on: Forces) -> tuple[Complex, Complex]:
         """Velocity [L] at a port under forces `on`, and what a unit force there adds to it."""
+        v0, Y = self.rates((key,), on)
+        return v0[:, 0], Y[:, 0, 0]
+
+    def rates(self, keys: Sequence[Key], on: Forces) -> tuple[Complex, Complex]:
+        """Velocities [L, P] at P ports under forces `on`, and what a unit force at each, the last axis, adds to them [L, P, P]."""
         none = {key: Force(np.zeros_like(x.lines), 0.0) for key, x in on.items()}
-        unit = none | {key: Force(np.ones_like(none[key].lines), 0.0)}
-        moved = [self._at(key, forces) for forces in (on, unit, none)]
-        return self.scene.s * moved[0], self.scene.s * (moved[1] - moved[2])
+        unit = Force(np.ones_like(self.alone[:, 0]), 0.0)
+        still, s = self._at(keys, none), self.scene.s[:, None]
+        units = [self._at(keys, none | {key: unit}) - still for key in keys]
+        return s * self._at(keys, on), s[:, None] * np.stack(units, axis=-1)
 
     def needed(self, key: Key, on: Forces) -> Force:
         """What has to act at a port besides the forces `on` for its joint's angle to be predicted as it was measured."""
@@ -175,11 +181,11 @@ class LikelyMotion:
         images[beyond] = tau
         return images
 
-    def _at(self, key: Key, on: Forces) -> Complex:
-        """The position [L] at a port."""
-        port, k = key
-        theta, q = (angles[:, k] for angles in self.likely(on))
-        return theta if port == "motor" else q if port == "link" else theta / self.scene.arm.N[k] - q
+    def _at(self, keys: Sequence[Key], on: Forces) -> Complex:
+        """The positions [L, P] at P ports."""
+        theta, q = self.likely(on)
+        places = {"motor": theta, "link": q, "spring": theta / self.scene.arm.N - q}
+        return np.stack([places[port][:, k] for port, k in keys], axis=1)
 
     def likely(self, on: Forces) -> tuple[Complex, Complex]:
         """The likeliest angles of motors and links [L, m] under forces."""

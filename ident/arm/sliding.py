@@ -73,18 +73,10 @@ def in_turns(
     driven: Complex | None = None,
 ) -> tuple[Force, Array, Slid]:
     """The force of `friction` where v = v0 - Y friction(v), from the w = friction(v) + g v of `starts` that a turn changes
-    least; the slope of friction [S] there; v and friction. Friction is against velocities beyond `reach`.
-
-    Friction has harmonics beyond the lines; there the port is what it is at the last line, a mass.
-    """
+    least; the slope of friction [S] there; v and friction. Friction is against velocities beyond `reach`."""
     S = scene.samples
-    harmonics = np.arange(S // 2 + 1)
-    beyond = harmonics > scene.lines[-1]
-    alone, gives = np.zeros((2, len(harmonics)), dtype=complex)
-    alone[scene.lines], gives[scene.lines] = v0 * (S / 2), Y
-    gives[beyond] = Y[-1] * scene.lines[-1] / harmonics[beyond]
-    if driven is not None:
-        alone += gives * driven * (S / 2)
+    by_ports = _by_harmonics(scene, v0[:, None], Y[:, None, None], None if driven is None else driven[:, None])
+    alone, gives = by_ports[0][:, 0], by_ports[1][:, 0, 0]
     met, force = Meeting(friction, g, reach, starts[0] / g, starts[0], np.zeros(S)), np.zeros_like(alone)
 
     def turn(w: Array) -> Array:
@@ -123,6 +115,64 @@ def in_turns(
     slope = _slope(friction(EVERYWHERE), v)
     there = Force(np.asarray(-force[scene.lines] * (2.0 / S), dtype=complex), -float(force[0].real) / S)
     return there, slope, (v.astype(np.float32), f.astype(np.float32))
+
+
+def in_turns_at_once(
+    scene: Scene,
+    frictions: Sequence[Friction],
+    g: Array,
+    v0: Complex,
+    Y: Complex,
+    starts: Sequence[Array],
+    turns: int,
+    reaches: Sequence[float],
+    driven: Complex,
+) -> tuple[list[Force], bool, list[Slid]]:
+    """As `in_turns` at P ports that move each other, v0 [L, P] and Y [L, P, P], from one w each with its own g [P]: their forces, whether
+    no friction falls with speed, and v and friction of each. It converges as at one port: all of them give back no more than they got.
+    """
+    S, P = scene.samples, len(frictions)
+    alone, gives = _by_harmonics(scene, v0, Y, driven)
+    eased = np.linalg.inv(np.eye(P) + gives * g)
+    alone, gives = (eased @ alone[..., None])[..., 0], eased @ gives
+    ports = zip(frictions, g.tolist(), reaches, starts, strict=True)
+    met = [Meeting(friction, by, reach, w / by, w, np.zeros(S)) for friction, by, reach, w in ports]
+    size, force = np.array([[norm(w) + 1e-300] for w in starts]), np.zeros_like(alone)
+
+    def turn(whole: Array) -> Array:
+        """By how much the w of all ports change, each by its size."""
+        nonlocal force
+        w = size * whole.reshape(P, S)
+        v = np.stack([one.goes(at) for one, at in zip(met, w, strict=True)])
+        f = w - g[:, None] * v
+        left = np.fft.rfft(f - g[:, None] * v).T
+        v_lines = alone - (gives @ left[..., None])[..., 0]
+        force = left + g * v_lines
+        force[0], v_lines[0] = f.sum(axis=1), 0.0
+        return np.asarray(((np.fft.irfft((force + g * v_lines).T, S) - w) / size).ravel())
+
+    w = (np.stack(starts) / size).ravel()
+    w = w + turn(w)
+    w, _ = _mixed(turn, w, turns, SLID * float(norm(w)))
+    f = size * w.reshape(P, S) - g[:, None] * np.stack([one.v for one in met])
+    rises = all(_slope(friction(EVERYWHERE), one.v).min() >= 0.0 for friction, one in zip(frictions, met, strict=True))
+    forces = [Force(-row[scene.lines] * (2.0 / S), -float(row[0].real) / S) for row in force.T]
+    return forces, rises, [(one.v.astype(np.float32), own.astype(np.float32)) for one, own in zip(met, f, strict=True)]
+
+
+def _by_harmonics(scene: Scene, v0: Complex, Y: Complex, driven: Complex | None) -> tuple[Complex, Complex]:
+    """How P ports move by themselves [S/2 + 1, P] and what they give [S/2 + 1, P, P], `driven` by what acts beyond the lines, too.
+
+    Friction has harmonics beyond the lines; there a port is what it is at the last line, a mass.
+    """
+    S, last = scene.samples, scene.lines[-1]
+    beyond = np.arange(last + 1, S // 2 + 1)
+    alone, gives = (np.zeros((S // 2 + 1, *of.shape[1:]), dtype=complex) for of in (v0, Y))
+    alone[scene.lines], gives[scene.lines] = v0 * (S / 2), Y
+    gives[beyond] = Y[-1] * (last / beyond)[:, None, None]
+    if driven is not None:
+        alone += (gives @ driven[..., None])[..., 0] * (S / 2)
+    return alone, gives
 
 
 def _stepped(

@@ -16,11 +16,12 @@ from ident.arm.acting import Moved, Slid, second_order, signals, slope
 from ident.arm.arm_model import Parameters, Sampling
 from ident.arm.likely_motion import Force, Forces, Key, LikelyMotion
 from ident.arm.rattling import Rattling
+from ident.arm.rubbing import Rubbing, as_last, sliding, sliding_together
 from ident.arm.scene import Scene
-from ident.arm.sliding import EVERYWHERE, MEMORY, RIDGE, TURNS, Meeting, Where, balanced, in_turns, settled, told_by
+from ident.arm.sliding import MEMORY, RIDGE, TURNS, Meeting, settled, told_by
 from ident.arm.whitening import Powers
 from ident.effects.base import Effect, Law, PeriodicLaw
-from ident.effects.motion import Motion, over_periods
+from ident.effects.motion import Motion
 from ident.records.campaign import Array
 from ident.records.frf import Complex
 
@@ -31,9 +32,8 @@ SWEEPS, MOST_SWEEPS = 3, 30
 SAME, NEARLY, AWAY, IN_VAIN = 1e-4, 0.03, 10.0, 8
 #: Later forces agree better: they are taken where they leave less than so many times the least.
 HARDLY_MORE = 1.01
-#: Steps towards a force that follows from a position, the change that ends them; resistances [of the median one of the port] that
-#: damp turns to dry friction, tried by turns; behind a spring this share of them.
-STEPS, SETTLED, DAMPED, BEHIND = 20, 1e-4, (0.5, 2.0, 0.125), 0.25
+#: Steps towards a force that follows from a position, the change that ends them.
+STEPS, SETTLED = 20, 1e-4
 #: Dry friction stops a joint within so small a part of a sample that it takes so many times as many.
 STOPS = 2
 #: chi^2 of what the motion changes by where forces of second order, or dry friction, are those of it, below which it is not found again.
@@ -42,8 +42,8 @@ MOVED = 1.0
 DIVERGED = 100.0
 #: Share of its stiffness that a spring has everywhere whose torque tells where it is.
 TENSE = 0.5
-#: chi^2 per degree of freedom below which no other force is looked for; most periods that play is followed for, and in haste: with one turn, none.
-EXPLAINED, PERIODS, SHORT = 2.0, 12, 4
+#: Most periods that play is followed for, and in haste: with one turn, none.
+PERIODS, SHORT = 12, 4
 
 
 def smoothed(
@@ -82,9 +82,10 @@ def _smoothed(
     # a force that is not that of the motion it leaves may leave less than noise
     best, least, kept = on, max(arm.misfit(on), float(arm.degrees)), dict(slid)
     laws = {key: _laws(effects, key[0], int(scene.arm.live[key[1]])) for key in on}
-    on = on | {key: _as_last(arm, key, slid[key]) for key in slid.keys() & on.keys() if laws[key][0]}
+    on = on | {key: as_last(arm, key, slid[key]) for key in slid.keys() & on.keys() if laws[key][0]}
     rubbing, springy = ([key for key, at in laws.items() if at[kind]] for kind in (0, 1))
-    at_once = all(_at_once(effects, port, int(scene.arm.live[k])) for port, k in on) and len(on) <= 1
+    at_once = all(_at_once(effects, port, int(scene.arm.live[k])) for port, k in on)
+    at_once = at_once and (len(on) <= 1 or all(dry for dry, _ in laws.values()))
     hopeless = False
     mixture, vain, most = Mixture(), 0, MOST_SWEEPS if not at_once and turns >= TURNS else SWEEPS
     marches = SWEEPS if rubbing else 1  # a march is of the motion under the friction found until then
@@ -150,13 +151,16 @@ def _swept(
     march: bool,
 ) -> Forces:
     """The forces found at one port after the other, each of the motion under those found last; `slid` is told, too."""
-    for key, now in on.items():
-        motion, (dry, springs) = arm.moving(on), laws[key]
+    rubbing = [key for key in on if laws[key][0]]
+    if len(rubbing) > 1:  # each answers the others by more than it was
+        on = _rubbed(arm, effects, laws, on, slid, turns, rubbing)
+    for key in [key for key in on if len(rubbing) <= 1 or key not in rubbing]:
+        now, motion, (dry, springs) = on[key], arm.moving(on), laws[key]
         others = [e for e in effects if e not in dry and e not in springs]
         beside = signals(arm.scene, others, motion).get(key, np.zeros(arm.scene.samples))
         on = on | {key: Force.of(arm.scene, beside)}
         if dry:
-            force, slid[key] = _sliding(arm, key, dry, motion, on, now, turns, slid.get(key))
+            force, slid[key] = sliding(arm, Rubbing.of(arm, key, dry, motion), on, now, turns, slid.get(key))
             on = on | {key: on[key].plus(force)}
         elif springs:
             force, found = _yielding(arm, key, springs, motion, on, turns, slid.get(key), march)
@@ -164,6 +168,21 @@ def _swept(
             if found is not None:
                 slid[key] = found
     return on
+
+
+def _rubbed(
+    arm: LikelyMotion, effects: Sequence[Effect], laws: Mapping[Key, Laws], on: Forces, slid: dict[Key, Slid], turns: int,
+    rubbing: Sequence[Key],
+) -> Forces:  # fmt: skip
+    """The forces with those of what is dry at several ports, `rubbing`, met together; `slid` is told, too."""
+    motion, nothing = arm.moving(on), np.zeros(arm.scene.samples)
+    others = [e for e in effects if not any(e in laws[key][0] for key in rubbing)]
+    there = signals(arm.scene, others, motion)
+    on = on | {key: Force.of(arm.scene, there.get(key, nothing)) for key in rubbing}
+    ports = [Rubbing.of(arm, key, laws[key][0], motion) for key in rubbing]
+    forces, found = sliding_together(arm, ports, on, turns, slid)
+    slid.update(found)
+    return on | {key: on[key].plus(force) for key, force in forces.items()}
 
 
 @dataclass
@@ -195,71 +214,6 @@ class Mixture:
         """The forces as numbers in a row, each by its size."""
         rows = zip(on.values(), self.sizes, strict=True)
         return np.concatenate([np.append(np.array(x.lines).view(float), x.mean) / size for x, size in rows])
-
-
-def _as_last(arm: LikelyMotion, key: Key, last: Slid) -> Force:
-    """The dry force at a port as it was found `last`."""
-    scene, (port, k) = arm.scene, key
-    side = float(np.sign(scene.arm.N[k])) if port == "motor" else 1.0
-    return Force.of(scene, -side * told_by(last[1].astype(float), scene.samples))
-
-
-def _sliding(
-    arm: LikelyMotion, key: Key, laws: Sequence[PeriodicLaw], motion: Motion, on: Forces, start: Force, turns: int, last: Slid | None
-) -> tuple[Force, Slid]:  # fmt: skip
-    """The force of dry `laws` at a port, of the velocity that it leaves, from `start` under the forces `on` besides, or from
-    where it was found `last`.
-
-    Friction f(v) = w - g v and what moves the port, v = v0 - Y f, are met in turns (J. Douglas, H. H. Rachford, Trans. AMS 82
-    (1956), DOI 10.1090/S0002-9947-1956-0084194-4; P.-L. Lions, B. Mercier, SIAM J. Numer. Anal. 16 (1979), DOI
-    10.1137/0716071): it converges for any friction that grows with speed at any port that gives back no more than it got,
-    slowly where a joint slides; so the turns are mixed.
-    """
-    scene, (port, k) = arm.scene, key
-    joint = int(scene.arm.live[k])
-    N = float(scene.arm.N[k]) if port == "motor" else 1.0
-    side = float(np.sign(N))
-    state, astray = motion.state(joint), motion.astray(port, joint)
-    position, measured = state.at(port)
-
-    def friction(where: Where) -> Callable[[Array], Array]:
-        here, place = state if where is EVERYWHERE else state.when(where), position[where]
-        away = astray if astray is None or where is EVERYWHERE else astray.when(where)
-
-        def force(v: Array) -> Array:
-            moved = here.moved(port, place, v)
-            forces = over_periods(lambda at: sum(law.over_period(at) for law in laws), moved, port, away)
-            return np.asarray(-abs(N) * forces, dtype=float)
-
-        return force
-
-    v0, Y = arm.rate(key, on)
-    Y = side * Y
-    reach = 0.0 if astray is None else float((np.abs(astray.mean) + astray.most).max())
-    best, found, least = start, last, np.inf
-    alone = scene.in_time(np.stack([v0, side * start.lines], axis=1))
-    driven = arm.images[:, k] * abs(scene.arm.N[k]) if port == "motor" else None
-
-    def likely(g: float) -> list[Array]:
-        return [friction(EVERYWHERE)(v) + g * v for v in (measured, balanced(scene, friction(EVERYWHERE), v0, Y))]
-
-    ways: list[Callable[[float], list[Array]]] = [likely, lambda g: [g * alone[:, 0] - alone[:, 1]]]
-    tries = [(times, way) for times in DAMPED for way in ways]
-    if last is not None:
-        v, f = (told_by(x, scene.samples) for x in last)
-        tries.insert(0, (DAMPED[0], lambda g: [f + g * v]))
-    for times, way in tries:
-        g = times * (BEHIND if port == "link" else 1.0) / float(np.median(np.abs(Y)))
-        force, slope, ends = in_turns(scene, friction, g, v0, Y, way(g), turns, reach, driven)
-        force = replace(force, lines=side * force.lines, mean=side * force.mean)
-        misfit = arm.misfit(on | {key: on[key].plus(force)})
-        found = ends if found is None else found
-        if misfit < least:  # else it is no number: a law that is far too strong
-            best, found, least = force, ends, misfit
-        if turns < TURNS or least < EXPLAINED * arm.degrees or slope.min() >= 0.0:
-            break  # friction that never falls with speed is met in one motion only
-    assert found is not None
-    return best, found
 
 
 @dataclass(frozen=True, eq=False)
