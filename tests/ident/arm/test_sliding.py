@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ident.arm.sliding import FELT, LEFT, SLID, SOON, TURNS, Where, along_tangent, in_turns, settled
+from ident.arm.sliding import FELT, LEFT, SLID, SOON, TURNS, Where, along_tangent, in_turns, in_turns_at_once, settled
 
 S, OWN, DAMPING = 4096, 90.3, 0.1
 RNG = np.random.default_rng(5)
@@ -77,6 +77,31 @@ def test_the_motion_is_that_which_friction_leaves(level: float, turns: int) -> N
     left = v - np.fft.irfft(spectrum - gives * force, S)
     assert g * np.linalg.norm(left) < 1.5 * SLID * np.linalg.norm(law(v) + g * v)
     assert (np.linalg.norm(v) < 1e-4 * np.linalg.norm(np.fft.irfft(spectrum, S))) == (level == 50.0)
+
+
+def test_the_motions_of_two_ports_that_move_each_other_are_those_which_friction_leaves_both() -> None:
+    """One sticks all the time, the other slides; what acts at one moves the other nearly as far as itself, in one mode that is hardly damped,
+    which takes many turns."""
+    lines, levels = np.arange(1, 400, 2), (50.0, 0.3)
+    scene: Any = SimpleNamespace(samples=S, lines=lines)
+    Y = RATE[lines][:, None, None] * np.array([[1.0, 0.9], [0.9, 1.0]])
+    pushed = np.array([1.0, 1j]) @ np.random.default_rng(0).normal(size=(2, len(lines), 2)).swapaxes(0, 1)
+    v0 = (Y @ (pushed / (1.0 + (lines[:, None] / 60.0) ** 2))[..., None])[..., 0]
+    laws = [lambda v, level=level: np.asarray(level * np.tanh(v / 1e-3)) for level in levels]
+    frictions = [lambda where, law=law: law for law in laws]
+    g = 0.5 / np.median(np.abs(Y[:, [0, 1], [0, 1]]), axis=0)
+    starts, undriven = [np.full(S, 1e-3), np.full(S, 1e-3)], np.zeros((S // 2 + 1, 2), dtype=complex)
+    forces, rises, ends = in_turns_at_once(scene, frictions, g, v0, Y, starts, 20 * TURNS, [0.0, 0.0], undriven)
+    v = np.stack([told.astype(float) for told, _ in ends])
+    f = np.stack([law(at) for law, at in zip(laws, v, strict=True)])
+    alone, gives = np.zeros((S // 2 + 1, 2), dtype=complex), np.zeros((S // 2 + 1, 2, 2), dtype=complex)
+    gives[1:] = Y[-1] * (lines[-1] / np.arange(1, S // 2 + 1))[:, None, None]
+    alone[lines], gives[lines] = v0 * (S / 2), Y
+    left = v - np.fft.irfft((alone - (gives @ np.fft.rfft(f).T[..., None])[..., 0]).T, S)
+    for k in range(2):
+        assert g[k] * np.linalg.norm(left[k]) < 3.0 * SLID * np.linalg.norm(f[k] + g[k] * v[k])
+    assert rises and np.std(v[0]) < 1e-3 * np.std(v[1])
+    assert forces[1].lines == pytest.approx(-np.fft.rfft(ends[1][1])[lines] * (2.0 / S), abs=1e-2)
 
 
 def test_turns_that_run_away_end_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:

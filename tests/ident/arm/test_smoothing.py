@@ -29,7 +29,7 @@ from ident.effects.motion import Motion
 from ident.effects.motor import MotorCoupling, TorqueOffset, TorqueScale
 from ident.effects.sensor import JointZeroOffset
 from ident.effects.spring import Backlash, SpringHardening, TransmissionError
-from symgen.plan import chain_of_robot
+from symgen.plan import chain_of_robot, make_model
 from symgen.robot import load_robot
 
 ROBOTS = Path(__file__).parents[3] / "robots"
@@ -236,6 +236,19 @@ def test_forces_from_which_sweeps_lead_away_are_kept_as_they_left_least(monkeypa
         problem = replace(problem, slid=slides(problem, held))
     assert problem.slid
     assert left[1:] == pytest.approx(left[:1] * 2, rel=1e-6)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_motors_that_stick_at_every_joint_are_met_together(side: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By turns at one after the other six of them left 240 to 2960 noise powers of a record at the very truth. A motor may turn the
+    other way than its joint."""
+    declared = load_robot(ROBOTS / "ypp3")
+    other = tuple(replace(drive, N=side * drive.N) for drive in declared.drives)
+    robot = replace(declared, drives=other)
+    chain = chain_of_robot(robot)
+    monkeypatch.setattr("levels.arm", lambda name: (robot, chain, make_model(chain, believe_zeros=True)))
+    besides = [MotorCoulomb(joint, (level,)) for joint, level in ((1, 3.5e-3), (2, 1.1e-3))]
+    assert levels(MotorCoulomb(0, (2.7e-3,)), "joint2", (0.0, 0.4, 0.8), *besides, f0=1.0, fs=500.0)[1] < 1.1
 
 
 def test_a_force_that_leaves_less_than_noise_gives_way_to_that_of_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
