@@ -150,11 +150,13 @@ def _swept(
     turns: int,
     march: bool,
 ) -> Forces:
-    """The forces found at one port after the other, each of the motion under those found last; `slid` is told, too."""
+    """The forces found at one port after the other, those of what is dry at several ports together, each of the motion under those found last;
+    `slid` is told, too."""
     rubbing = [key for key in on if laws[key][0]]
-    if len(rubbing) > 1:  # each answers the others by more than it was
-        on = _rubbed(arm, effects, laws, on, slid, turns, rubbing)
-    for key in [key for key in on if len(rubbing) <= 1 or key not in rubbing]:
+    together = rubbing if len(rubbing) > 1 else []  # one after the other each answers the others by more than it was
+    if together:
+        on = _rubbed(arm, effects, laws, on, slid, turns, together)
+    for key in [key for key in on if key not in together]:
         now, motion, (dry, springs) = on[key], arm.moving(on), laws[key]
         others = [e for e in effects if e not in dry and e not in springs]
         beside = signals(arm.scene, others, motion).get(key, np.zeros(arm.scene.samples))

@@ -78,9 +78,13 @@ class Departure:
     share: float
 
 
-@lru_cache(maxsize=2)  # of the model that is judged: records that choose, and that report
 def held_as(state: State, data: tuple[Evidence, ...], hurries: bool = False) -> tuple[Held, ...]:
     """Weights and motions of `data` as a model has them; motions that are hardly looked for once it is late if it `hurries`."""
+    return _held_as(state, data, hurries)  # a call that leaves out what is the default would be kept apart
+
+
+@lru_cache(maxsize=2)  # of the model that is judged: records that choose, and that report
+def _held_as(state: State, data: tuple[Evidence, ...], hurries: bool) -> tuple[Held, ...]:
     return tuple(hold(replace(state.problem, data=data), state.minimum.vector, hurries=hurries))
 
 

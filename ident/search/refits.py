@@ -220,9 +220,8 @@ def fitted(bench: Bench, refit: Refit) -> State:
     hasty = refit.roughly == HASTILY
     more = (refit.effects, refit.scales, refit.limits, FEW_TURNS if hasty else TURNS)
     fit, select = bench.split.fit, bench.split.select
-    rubs = any(
-        effect.dry for effect in refit.effects
-    )  # which few samples tell so roughly that the very truth leaves more than noise
+    # few samples tell what rubs so roughly that the very truth leaves more than noise
+    rubs = any(effect.dry for effect in refit.effects)
     if refit.roughly > (FINELY if rubs else FAINTLY):
         fit, select = (tuple(sampled(one, FEW_SAMPLES) for one in part) for part in (fit, select))
     if refit.own:
